@@ -1,0 +1,403 @@
+//! `coact extract`: its options, the configuration file that may hold the same, and what both come to.
+
+use std::path::PathBuf;
+
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::{Args, ValueEnum};
+use serde::{Deserialize, Serialize};
+
+use super::bytes::ByteSize;
+use super::progress::When;
+use crate::extraction::{ExtractionParams, Measure, Profile, RawParams};
+use crate::model::JointMode;
+use crate::pipeline::Config;
+use crate::recording::{Limits, ReadOptions};
+
+const EXAMPLES: &str = "\
+Examples:
+  coact extract fixtures -o out                     every recording below a folder
+  coact extract run1.mcap 'logs/*.mcap' -o out      files and globs
+  coact extract logs -o out --measure shannon --window 8 --threshold 0.3
+  coact extract logs -o out --joints together --steps none
+  coact extract logs --dry-run                      read and check everything, write nothing
+  coact extract --config run.toml -o out            options from a file; the command line wins
+
+Exit codes:
+  0  done (also with episodes that are too short)
+  1  failed: no episode came out, or the output cannot be written
+  2  bad arguments
+  3  done, but a recording failed or was recovered, a message was refused, or an episode is incomplete";
+
+/// Arguments of `coact extract`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct ExtractArgs {
+    #[command(flatten)]
+    options: Options,
+
+    /// Take options from a TOML file; the command line wins
+    #[arg(long, value_name = "FILE.toml")]
+    config: Option<PathBuf>,
+
+    /// Print the options that would be used as TOML, and stop
+    #[arg(long)]
+    print_config: bool,
+}
+
+/// How the closing summary is printed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SummaryFormat {
+    /// A table for people
+    #[default]
+    Text,
+    /// One JSON object
+    Json,
+}
+
+/// Whether the per-step table is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Steps {
+    /// Write it
+    #[default]
+    Full,
+    /// No such folder
+    None,
+}
+
+/// Every option, as typed or as written in a configuration file.
+#[derive(Debug, Clone, Default, Args, Serialize, Deserialize)]
+#[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a flag")]
+struct Options {
+    /// Recordings: files, folders (every *.mcap and *.mcap.zst below), globs
+    #[arg(value_name = "INPUT")]
+    inputs: Vec<PathBuf>,
+
+    /// Directory for the tables
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+
+    /// Measure of change [default: earth-mover]
+    #[arg(long, value_name = "NAME", value_parser = measure_parser(), help_heading = "Method")]
+    measure: Option<Measure>,
+
+    /// `paper`: the equations; `authors`: what the authors' program does [default: paper]
+    #[arg(long, value_name = "NAME", value_parser = profile_parser(), help_heading = "Method")]
+    profile: Option<Profile>,
+
+    /// Bins per column, b [default: 64]
+    #[arg(long, value_name = "N", help_heading = "Method")]
+    bins: Option<usize>,
+
+    /// Window in steps, w [default: 5]
+    #[arg(long, value_name = "N", help_heading = "Method")]
+    window: Option<usize>,
+
+    /// Threshold on the normalised change, λ [default: 0.5]
+    #[arg(
+        long,
+        value_name = "X",
+        help_heading = "Method",
+        allow_negative_numbers = true
+    )]
+    threshold: Option<f64>,
+
+    /// m of approximate (3) and sample entropy (2), or ordinal order of permutation (3)
+    #[arg(long, value_name = "N", help_heading = "Method")]
+    order: Option<usize>,
+
+    /// r of approximate and sample entropy, absolute [default: 0.2 × standard deviation; see the README]
+    #[arg(
+        long,
+        value_name = "X",
+        help_heading = "Method",
+        allow_negative_numbers = true
+    )]
+    tolerance: Option<f64>,
+
+    /// Cut each joint on its own, or the whole action as one [default: each]
+    #[arg(long, value_name = "MODE", value_parser = joints_parser(), help_heading = "Method")]
+    joints: Option<JointMode>,
+
+    /// Write the per-step table [default: full]
+    #[arg(long, value_enum, value_name = "WHAT", help_heading = "Output")]
+    steps: Option<Steps>,
+
+    /// Start again in a directory that holds another run
+    #[arg(long, help_heading = "Output")]
+    #[serde(skip_serializing_if = "is_false")]
+    overwrite: bool,
+
+    /// Read and check everything, write nothing
+    #[arg(long, help_heading = "Output")]
+    #[serde(skip_serializing_if = "is_false")]
+    dry_run: bool,
+
+    /// Largest record that is looked into [default: 256MiB]
+    #[arg(long, value_name = "BYTES", help_heading = "Limits")]
+    max_record: Option<ByteSize>,
+
+    /// Largest size of a chunk once inflated [default: 256MiB]
+    #[arg(long, value_name = "BYTES", help_heading = "Limits")]
+    max_chunk: Option<ByteSize>,
+
+    /// Largest episode in memory [default: 4GiB]
+    #[arg(long, value_name = "BYTES", help_heading = "Limits")]
+    max_episode: Option<ByteSize>,
+
+    /// Most episodes of a recording that are open at a time [default: 64]
+    #[arg(long, value_name = "N", help_heading = "Limits")]
+    max_open_episodes: Option<usize>,
+
+    /// Threads; 0 = all cores [default: 0]
+    #[arg(long, value_name = "N", help_heading = "Running")]
+    threads: Option<usize>,
+
+    /// Show progress on stderr [default: auto]
+    #[arg(long, value_enum, value_name = "WHEN", help_heading = "Running")]
+    progress: Option<When>,
+
+    /// Form of the closing summary [default: text]
+    #[arg(long, value_enum, value_name = "FORM", help_heading = "Running")]
+    summary: Option<SummaryFormat>,
+
+    /// No summary; only errors
+    #[arg(short, long, help_heading = "Running")]
+    #[serde(skip_serializing_if = "is_false")]
+    quiet: bool,
+
+    /// Say more: every recording, and what was read from it
+    #[arg(short, long, help_heading = "Running")]
+    #[serde(skip_serializing_if = "is_false")]
+    verbose: bool,
+}
+
+#[expect(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "the signature that serde asks for"
+)]
+fn is_false(flag: &bool) -> bool {
+    !*flag
+}
+
+/// What is to be done.
+#[derive(Debug)]
+pub enum Request {
+    /// Print this configuration and stop.
+    PrintConfig(String),
+    /// Run.
+    Run {
+        /// What.
+        config: Box<Config>,
+        /// How progress is shown.
+        progress: When,
+        /// How the summary is printed.
+        summary: SummaryFormat,
+        /// No summary.
+        quiet: bool,
+        /// Tell of every recording.
+        verbose: bool,
+    },
+}
+
+impl ExtractArgs {
+    /// Joins command line, configuration file and defaults, and checks what comes out.
+    ///
+    /// # Errors
+    /// One line that says which option is wrong and what it must be.
+    pub fn request(self) -> Result<Request, String> {
+        let file = match &self.config {
+            Some(path) => {
+                let text = std::fs::read_to_string(path).map_err(|e| {
+                    format!("cannot read the configuration {}: {e}", path.display())
+                })?;
+                toml::from_str(&text).map_err(|e| {
+                    format!(
+                        "configuration {}: {}",
+                        path.display(),
+                        e.to_string().trim_end()
+                    )
+                })?
+            }
+            None => Options::default(),
+        };
+        let options = self.options.or(file);
+        let params = ExtractionParams::new(options.raw_params()).map_err(|e| e.to_string())?;
+        let filled = options.filled();
+        let text = toml::to_string(&filled).map_err(|e| e.to_string())?;
+        if self.print_config {
+            return Ok(Request::PrintConfig(text));
+        }
+        filled.run(params)
+    }
+}
+
+impl Options {
+    /// What is given here, else what is given there.
+    fn or(self, other: Self) -> Self {
+        Self {
+            inputs: if self.inputs.is_empty() {
+                other.inputs
+            } else {
+                self.inputs
+            },
+            output: self.output.or(other.output),
+            measure: self.measure.or(other.measure),
+            profile: self.profile.or(other.profile),
+            bins: self.bins.or(other.bins),
+            window: self.window.or(other.window),
+            threshold: self.threshold.or(other.threshold),
+            order: self.order.or(other.order),
+            tolerance: self.tolerance.or(other.tolerance),
+            joints: self.joints.or(other.joints),
+            steps: self.steps.or(other.steps),
+            overwrite: self.overwrite || other.overwrite,
+            dry_run: self.dry_run || other.dry_run,
+            max_record: self.max_record.or(other.max_record),
+            max_chunk: self.max_chunk.or(other.max_chunk),
+            max_episode: self.max_episode.or(other.max_episode),
+            max_open_episodes: self.max_open_episodes.or(other.max_open_episodes),
+            threads: self.threads.or(other.threads),
+            progress: self.progress.or(other.progress),
+            summary: self.summary.or(other.summary),
+            quiet: self.quiet || other.quiet,
+            verbose: self.verbose || other.verbose,
+        }
+    }
+
+    fn raw_params(&self) -> RawParams {
+        let default = RawParams::default();
+        RawParams {
+            measure: self.measure.unwrap_or(default.measure),
+            profile: self.profile.unwrap_or(default.profile),
+            bins: self.bins.unwrap_or(default.bins),
+            window: self.window.unwrap_or(default.window),
+            threshold: self.threshold.unwrap_or(default.threshold),
+            joints: self.joints.unwrap_or(default.joints),
+            order: self.order,
+            tolerance: self.tolerance,
+        }
+    }
+
+    /// Every default written out.
+    fn filled(self) -> Self {
+        let raw = self.raw_params();
+        let limits = Limits::default();
+        Self {
+            measure: Some(raw.measure),
+            profile: Some(raw.profile),
+            bins: Some(raw.bins),
+            window: Some(raw.window),
+            threshold: Some(raw.threshold),
+            joints: Some(raw.joints),
+            steps: Some(self.steps.unwrap_or_default()),
+            max_record: self.max_record.or(Some(ByteSize(limits.max_record))),
+            max_chunk: self.max_chunk.or(Some(ByteSize(limits.max_chunk))),
+            max_episode: self.max_episode.or(Some(ByteSize(limits.max_episode))),
+            max_open_episodes: self.max_open_episodes.or(Some(limits.max_open_episodes)),
+            threads: Some(self.threads.unwrap_or_default()),
+            progress: Some(self.progress.unwrap_or_default()),
+            summary: Some(self.summary.unwrap_or_default()),
+            ..self
+        }
+    }
+
+    fn limits(&self) -> Limits {
+        let default = Limits::default();
+        Limits {
+            max_record: self.max_record.map_or(default.max_record, |b| b.0),
+            max_chunk: self.max_chunk.map_or(default.max_chunk, |b| b.0),
+            max_episode: self.max_episode.map_or(default.max_episode, |b| b.0),
+            max_open_episodes: self.max_open_episodes.unwrap_or(default.max_open_episodes),
+        }
+    }
+
+    fn run(self, params: ExtractionParams) -> Result<Request, String> {
+        if self.inputs.is_empty() {
+            return Err("no INPUT given: name files, folders or globs of recordings".to_owned());
+        }
+        if self.output.is_none() && !self.dry_run {
+            return Err(
+                "no output directory given: --output DIR (or --dry-run to write nothing)"
+                    .to_owned(),
+            );
+        }
+        if self.max_open_episodes == Some(0) {
+            return Err("max-open-episodes is 0: at least 1 is needed".to_owned());
+        }
+        let config = Config {
+            params,
+            read: ReadOptions {
+                limits: self.limits(),
+            },
+            steps: self.steps != Some(Steps::None),
+            overwrite: self.overwrite,
+            threads: self.threads.unwrap_or_default(),
+            parameters: self.parameters(),
+            output: self.output.filter(|_| !self.dry_run),
+            inputs: self.inputs,
+        };
+        Ok(Request::Run {
+            config: Box::new(config),
+            progress: self.progress.unwrap_or_default(),
+            summary: self.summary.unwrap_or_default(),
+            quiet: self.quiet,
+            verbose: self.verbose,
+        })
+    }
+
+    /// The options that decide what the tables hold, as text.
+    fn parameters(&self) -> Vec<(String, String)> {
+        let relevant = Self {
+            inputs: Vec::new(),
+            output: None,
+            overwrite: false,
+            dry_run: false,
+            threads: None,
+            progress: None,
+            summary: None,
+            quiet: false,
+            verbose: false,
+            ..self.clone()
+        };
+        let table = toml::Table::try_from(&relevant).unwrap_or_default();
+        let text = |value: &toml::Value| {
+            value
+                .as_str()
+                .map_or_else(|| value.to_string(), ToOwned::to_owned)
+        };
+        table
+            .iter()
+            .filter(|(key, _)| *key != "inputs")
+            .map(|(key, value)| (key.clone(), text(value)))
+            .collect()
+    }
+}
+
+/// Parses one of the names that a type has, with the authors' short names as hidden aliases.
+fn measure_parser() -> impl TypedValueParser<Value = Measure> {
+    let values = Measure::ALL.map(|m| PossibleValue::new(m.name()).alias(m.short_name()));
+    PossibleValuesParser::new(values).try_map(|name| name.parse::<Measure>())
+}
+
+fn profile_parser() -> impl TypedValueParser<Value = Profile> {
+    PossibleValuesParser::new(["paper", "authors"]).map(|name| {
+        if name == "authors" {
+            Profile::Authors
+        } else {
+            Profile::Paper
+        }
+    })
+}
+
+fn joints_parser() -> impl TypedValueParser<Value = JointMode> {
+    PossibleValuesParser::new(["each", "together"]).map(|name| {
+        if name == "together" {
+            JointMode::Together
+        } else {
+            JointMode::Each
+        }
+    })
+}

@@ -1,0 +1,51 @@
+//! What a user types: commands, options, help. No work is done here.
+
+mod bytes;
+mod extract;
+mod progress;
+
+use std::io::Write;
+
+use clap::{CommandFactory, Parser, Subcommand};
+
+pub use bytes::ByteSize;
+pub use extract::{ExtractArgs, Request, SummaryFormat};
+pub use progress::ProgressDisplay;
+
+/// Finds composite actions in recordings of agents.
+#[derive(Debug, Parser)]
+#[command(name = "coact", version, about, long_about = None, max_term_width = 110)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Extract composite actions from recordings into Parquet tables
+    Extract(Box<ExtractArgs>),
+    /// Print a completion script for a shell
+    Completions {
+        /// Which shell
+        shell: clap_complete::Shell,
+    },
+}
+
+/// Writes the completion script of `shell`.
+pub fn completions(shell: clap_complete::Shell, out: &mut dyn Write) {
+    clap_complete::generate(shell, &mut Cli::command(), "coact", out);
+}
+
+/// Exit codes, as `--help` and the README give them.
+pub mod exit {
+    /// Done.
+    pub const DONE: u8 = 0;
+    /// No episode came out, or the output cannot be written.
+    pub const FAILED: u8 = 1;
+    /// Bad arguments.
+    pub const USAGE: u8 = 2;
+    /// Done, but something was refused, recovered or incomplete.
+    pub const PARTIAL: u8 = 3;
+}

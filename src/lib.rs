@@ -1,0 +1,25 @@
+//! `coact` finds **co**mposite **act**ions in recordings of agents.
+//!
+//! ```text
+//!  .mcap files ──> recording ──> Episode ──> extraction ──> Extraction ──> tables ──> Parquet parts
+//!  (dirs, globs)   records,      actions     per episode,    masks,        Arrow       segments/ steps/
+//!                  decode,       states      per joint       segments      batches     episodes/ recordings/
+//!                  align, split  times       (rayon)
+//! ```
+//!
+//! Modules in reading order: [`model`] holds the words, [`extraction`] the method, [`recording`] the reader,
+//! [`tables`] the writer, [`report`] the closing summary, [`pipeline`] joins them, [`cli`] is what a user types.
+
+pub mod model;
+
+pub mod extraction;
+
+pub mod recording;
+
+pub mod tables;
+
+pub mod report;
+
+pub mod pipeline;
+
+pub mod cli;

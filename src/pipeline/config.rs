@@ -1,0 +1,60 @@
+//! All that decides a run, checked.
+
+use std::path::PathBuf;
+
+use thiserror::Error;
+
+use super::inputs::InputError;
+use crate::extraction::ExtractionParams;
+use crate::recording::ReadOptions;
+
+/// A run, as asked for. Only parameters that can run get this far.
+#[derive(Debug, Clone)]
+pub struct Config {
+    /// Files, folders, globs.
+    pub inputs: Vec<PathBuf>,
+    /// Where the tables go; `None` reads and checks everything and writes nothing.
+    pub output: Option<PathBuf>,
+    /// The method's parameters.
+    pub params: ExtractionParams,
+    /// How recordings are read.
+    pub read: ReadOptions,
+    /// Write the per-step table.
+    pub steps: bool,
+    /// Start again in a directory that holds a run.
+    pub overwrite: bool,
+    /// Threads; 0 stands for all cores.
+    pub threads: usize,
+    /// What was asked for, as key-value pairs for the tables' metadata.
+    pub parameters: Vec<(String, String)>,
+}
+
+impl Config {
+    /// Key-value metadata of the tables.
+    pub(crate) fn metadata(&self) -> Vec<(String, String)> {
+        self.parameters
+            .iter()
+            .map(|(key, value)| (format!("coact.{key}"), value.clone()))
+            .collect()
+    }
+}
+
+/// Why a run gave no summary.
+#[derive(Debug, Error)]
+pub enum RunError {
+    /// What was asked for cannot be done as asked (exit 2).
+    #[error("{0}")]
+    Arguments(String),
+    /// It was tried and failed (exit 1).
+    #[error("{0:#}")]
+    Failed(anyhow::Error),
+}
+
+impl From<InputError> for RunError {
+    fn from(e: InputError) -> Self {
+        match e {
+            InputError::BadGlob { .. } => Self::Arguments(e.to_string()),
+            InputError::Nothing(_) => Self::Failed(e.into()),
+        }
+    }
+}

@@ -1,0 +1,246 @@
+//! From what a user typed (files, folders, globs) to a sorted list of recordings with names that are theirs alone.
+
+use std::collections::BTreeMap;
+use std::ffi::OsStr;
+use std::fmt::Write as _;
+use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
+
+use thiserror::Error;
+
+/// One recording to be read, or why it cannot be.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Input {
+    /// What the tables call it: relative to the common ancestor of all inputs, `/` between.
+    pub(crate) name: Arc<str>,
+    pub(crate) path: PathBuf,
+    /// Set if it is known already that it cannot be read.
+    pub(crate) problem: Option<String>,
+}
+
+/// Inputs among which there is nothing to read.
+#[derive(Debug, Error, PartialEq, Eq)]
+pub enum InputError {
+    /// No argument led to a file.
+    #[error("no recordings found in {0} (looked for *.mcap and *.mcap.zst)")]
+    Nothing(String),
+    /// A glob that cannot be parsed.
+    #[error("{pattern:?} is not a glob: {reason}")]
+    BadGlob {
+        /// As typed.
+        pattern: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+}
+
+/// Finds all recordings below `arguments`, each once, sorted by name.
+pub(crate) fn find(arguments: &[PathBuf]) -> Result<Vec<Input>, InputError> {
+    let mut found = Found::default();
+    for argument in arguments {
+        if !argument.exists() && is_glob(argument) {
+            found.glob(argument)?;
+        } else if argument.is_dir() {
+            found.folder(argument);
+        } else {
+            found.file(
+                argument,
+                (!argument.exists()).then(|| "no such file".to_owned()),
+            );
+        }
+    }
+    if found.files.is_empty() {
+        let typed: Vec<_> = arguments
+            .iter()
+            .map(|a| format!("{:?}", readable(a.as_os_str())))
+            .collect();
+        return Err(InputError::Nothing(typed.join(", ")));
+    }
+    Ok(found.named())
+}
+
+/// Files by absolute path, which makes each unique.
+#[derive(Default)]
+struct Found {
+    files: BTreeMap<PathBuf, (PathBuf, Option<String>)>,
+}
+
+impl Found {
+    fn file(&mut self, path: &Path, problem: Option<String>) {
+        let absolute = absolute(path);
+        self.files
+            .entry(absolute)
+            .or_insert_with(|| (path.to_owned(), problem));
+    }
+
+    fn folder(&mut self, folder: &Path) {
+        for entry in walkdir::WalkDir::new(folder)
+            .follow_links(true)
+            .sort_by_file_name()
+        {
+            match entry {
+                Ok(entry) if !entry.file_type().is_dir() && is_recording(entry.file_name()) => {
+                    self.file(entry.path(), None);
+                }
+                Ok(_) => {}
+                // A link that loops or leads nowhere matters only where a recording was to be expected.
+                Err(e) => {
+                    if let Some(path) = e.path().filter(|p| {
+                        p.file_name().is_some_and(is_recording) || e.loop_ancestor().is_none()
+                    }) {
+                        self.file(path, Some(format!("cannot be read: {e}")));
+                    }
+                }
+            }
+        }
+    }
+
+    fn glob(&mut self, pattern: &Path) -> Result<(), InputError> {
+        let text = readable(pattern.as_os_str());
+        let paths = glob::glob(&text).map_err(|e| InputError::BadGlob {
+            pattern: text.clone(),
+            reason: e.msg.to_owned(),
+        })?;
+        for path in paths {
+            match path {
+                Ok(path) if path.is_dir() => self.folder(&path),
+                Ok(path) => self.file(&path, None),
+                Err(e) => self.file(e.path(), Some(format!("cannot be read: {}", e.error()))),
+            }
+        }
+        Ok(())
+    }
+
+    fn named(self) -> Vec<Input> {
+        let ancestor = common_ancestor(self.files.keys());
+        let mut inputs: Vec<Input> = self
+            .files
+            .into_iter()
+            .map(|(absolute, (path, problem))| {
+                let relative = absolute.strip_prefix(&ancestor).unwrap_or(&absolute);
+                let name: Vec<String> = relative
+                    .components()
+                    .map(|c| readable(c.as_os_str()))
+                    .collect();
+                Input {
+                    name: Arc::from(name.join("/")),
+                    path,
+                    problem,
+                }
+            })
+            .collect();
+        inputs.sort_by(|a, b| a.name.cmp(&b.name));
+        inputs
+    }
+}
+
+/// The deepest folder above all of `files`.
+fn common_ancestor<'a>(mut files: impl Iterator<Item = &'a PathBuf>) -> PathBuf {
+    let first = files
+        .next()
+        .and_then(|f| f.parent())
+        .unwrap_or(Path::new(""))
+        .to_owned();
+    files.fold(first, |ancestor, file| {
+        let parent = file.parent().unwrap_or(Path::new(""));
+        ancestor
+            .components()
+            .zip(parent.components())
+            .take_while(|(a, b)| a == b)
+            .map(|(a, _)| a)
+            .collect()
+    })
+}
+
+/// Absolute, `.` and `..` taken out as they stand, so that one file typed in two ways is one file.
+fn absolute(path: &Path) -> PathBuf {
+    let mut clean = PathBuf::new();
+    for component in std::path::absolute(path)
+        .unwrap_or_else(|_| path.to_owned())
+        .components()
+    {
+        match component {
+            Component::ParentDir => {
+                clean.pop();
+            }
+            other => clean.push(other),
+        }
+    }
+    clean
+}
+
+fn is_glob(path: &Path) -> bool {
+    path.as_os_str()
+        .as_encoded_bytes()
+        .iter()
+        .any(|b| matches!(b, b'*' | b'?' | b'['))
+}
+
+/// `*.mcap` or `*.mcap.zst`, in any case.
+fn is_recording(name: &OsStr) -> bool {
+    let name = name.as_encoded_bytes().to_ascii_lowercase();
+    name.ends_with(b".mcap") || name.ends_with(b".mcap.zst")
+}
+
+/// A name as text; bytes that are not UTF-8 stand as `\xNN`, so that different names stay different.
+pub(crate) fn readable(name: &OsStr) -> String {
+    let mut text = String::new();
+    for chunk in name.as_encoded_bytes().utf8_chunks() {
+        text.push_str(chunk.valid());
+        for byte in chunk.invalid() {
+            let _infallible = write!(text, "\\x{byte:02X}");
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(arguments: &[PathBuf]) -> Vec<String> {
+        find(arguments)
+            .unwrap()
+            .into_iter()
+            .map(|i| i.name.to_string())
+            .collect()
+    }
+
+    #[test]
+    fn names_are_relative_to_the_common_ancestor_and_each_file_comes_once() {
+        let dir = tempfile::tempdir().unwrap();
+        let root = dir.path();
+        for file in [
+            "a/x.mcap",
+            "a/deep/y.MCAP",
+            "b/x.mcap",
+            "b/notes.txt",
+            "b/z.mcap.zst",
+        ] {
+            let path = root.join(file);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, b"").unwrap();
+        }
+        assert_eq!(
+            names(&[root.to_owned()]),
+            ["a/deep/y.MCAP", "a/x.mcap", "b/x.mcap", "b/z.mcap.zst"]
+        );
+        assert_eq!(names(&[root.join("a/x.mcap")]), ["x.mcap"]);
+        assert_eq!(
+            names(&[root.join("a"), root.join("a/../a/x.mcap")]),
+            ["deep/y.MCAP", "x.mcap"]
+        );
+        assert_eq!(names(&[root.join("*/x.mcap")]), ["a/x.mcap", "b/x.mcap"]);
+    }
+
+    #[test]
+    fn nothing_to_read_is_an_error_and_a_missing_file_a_problem() {
+        let dir = tempfile::tempdir().unwrap();
+        assert!(matches!(
+            find(&[dir.path().to_owned()]),
+            Err(InputError::Nothing(_))
+        ));
+        let missing = find(&[dir.path().join("gone.mcap")]).unwrap();
+        assert_eq!(missing[0].problem.as_deref(), Some("no such file"));
+    }
+}

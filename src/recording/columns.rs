@@ -1,0 +1,108 @@
+//! Collects rows as they are decoded and hands them on column by column.
+
+use crate::model::Columns;
+
+/// Rows kept back before they are transposed: enough that each column is written a cache line at a time.
+const BLOCK_ROWS: usize = 16;
+
+/// Grows by rows of equal width, ends as [`Columns`].
+#[derive(Debug, Default)]
+pub(crate) struct ColumnsBuilder {
+    width: usize,
+    columns: Vec<Vec<f64>>,
+    /// Row-major, at most [`BLOCK_ROWS`] rows that are not in `columns` yet.
+    block: Vec<f64>,
+    n_rows: usize,
+}
+
+impl ColumnsBuilder {
+    pub(crate) fn new(width: usize) -> Self {
+        Self {
+            width,
+            columns: vec![Vec::new(); width],
+            block: Vec::with_capacity(width * BLOCK_ROWS),
+            n_rows: 0,
+        }
+    }
+
+    pub(crate) fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Bytes of the values held.
+    pub(crate) fn bytes(&self) -> u64 {
+        (self.n_rows as u64) * (self.width as u64) * 8
+    }
+
+    /// Appends one row of `width` values.
+    pub(crate) fn push(&mut self, row: &[f64]) {
+        debug_assert_eq!(row.len(), self.width);
+        self.block.extend_from_slice(row);
+        self.n_rows += 1;
+        if self.block.len() >= self.width * BLOCK_ROWS {
+            self.flush();
+        }
+    }
+
+    fn flush(&mut self) {
+        if self.block.is_empty() {
+            return;
+        }
+        let width = self.width;
+        for (c, column) in self.columns.iter_mut().enumerate() {
+            column.extend(self.block[c..].iter().step_by(width));
+        }
+        self.block.clear();
+    }
+
+    /// The first `n` rows, or with `order` the rows of these indices in this order.
+    pub(crate) fn finish(mut self, n: usize, order: Option<&[usize]>) -> Columns {
+        self.flush();
+        let n = n.min(self.n_rows);
+        let columns = match order {
+            None => {
+                for column in &mut self.columns {
+                    column.truncate(n);
+                }
+                self.columns
+            }
+            Some(order) => self
+                .columns
+                .iter()
+                .map(|column| order[..n].iter().map(|&i| column[i]).collect())
+                .collect(),
+        };
+        Columns::new(n, columns)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn built(n_rows: usize) -> ColumnsBuilder {
+        let mut builder = ColumnsBuilder::new(2);
+        for i in 0..n_rows {
+            builder.push(&[i as f64, -(i as f64)]);
+        }
+        builder
+    }
+
+    #[test]
+    fn rows_come_out_as_columns_whatever_the_block() {
+        for n in [0, 1, 15, 16, 17, 33] {
+            let columns = built(n).finish(n, None);
+            let expected: Vec<f64> = (0..n).map(|i| i as f64).collect();
+            assert_eq!(columns.column(0), expected);
+            assert_eq!(columns.n_rows(), n);
+        }
+    }
+
+    #[test]
+    fn an_order_picks_rows() {
+        assert_eq!(
+            built(20).finish(3, Some(&[19, 0, 7])).column(1),
+            [-19.0, 0.0, -7.0]
+        );
+    }
+}

@@ -1,0 +1,303 @@
+//! The closing summary as text for people: a table by environment, totals, and what was skipped and why.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+use super::{EnvironmentSummary, JointSummary, Remark, RunSummary};
+use crate::model::RecordingRow;
+
+/// Causes that the text names for a recording.
+const NAMED_CAUSES: usize = 4;
+
+/// Recordings that the text names; JSON names all.
+const NAMED_RECORDINGS: usize = 20;
+
+/// Joints of an environment that get a line of their own.
+const NAMED_JOINTS: usize = 8;
+
+/// A row of the table by environment.
+type Row = [String; 8];
+
+const HEADER: [&str; 8] = [
+    "environment",
+    "recordings",
+    "episodes",
+    "steps",
+    "joint",
+    "composite actions",
+    "per episode",
+    "mean steps",
+];
+
+impl RunSummary {
+    /// As text for people.
+    pub fn to_text(&self) -> String {
+        let mut text = String::new();
+        if !self.environments.is_empty() {
+            let mut rows = vec![HEADER.map(String::from)];
+            for (name, environment) in &self.environments {
+                rows.extend(environment_rows(name, environment));
+            }
+            aligned(&mut text, &rows);
+            text.push('\n');
+        }
+        self.totals(&mut text);
+        text
+    }
+
+    /// What was skipped and why, as text for people; empty if nothing was.
+    pub fn remarks_text(&self) -> String {
+        let mut text = String::new();
+        for remark in self.remarks.iter().take(NAMED_RECORDINGS) {
+            remark.write(&mut text);
+        }
+        if self.remarks.len() > NAMED_RECORDINGS {
+            line(
+                &mut text,
+                &format!(
+                    "… and {} more recordings: see the recordings table",
+                    self.remarks.len() - NAMED_RECORDINGS
+                ),
+            );
+        }
+        text
+    }
+
+    /// One line for every recording: what was read from it, and how.
+    pub fn listing_text(&self) -> String {
+        let mut text = String::new();
+        for listed in &self.listing {
+            line(&mut text, listed);
+        }
+        text
+    }
+
+    fn totals(&self, text: &mut String) {
+        let n_recordings: u64 = self.recordings.values().sum();
+        let n_episodes: u64 = self.episodes.values().sum();
+        let rate = if self.seconds > 0.0 {
+            self.n_steps as f64 / self.seconds
+        } else {
+            0.0
+        };
+        line(
+            text,
+            &format!(
+                "{} {}{}, {} {}{}, {} steps: {} composite {} in {:.2} s ({} steps/s)",
+                count(n_recordings),
+                plural(n_recordings, "recording"),
+                exceptions(
+                    &self.recordings,
+                    &[("recovered", "recovered"), ("failed", "failed")]
+                ),
+                count(n_episodes),
+                plural(n_episodes, "episode"),
+                exceptions(
+                    &self.episodes,
+                    &[("incomplete", "incomplete"), ("too_short", "too short")]
+                ),
+                count(self.n_steps),
+                count(self.n_segments),
+                plural(self.n_segments, "action"),
+                self.seconds,
+                compact(rate)
+            ),
+        );
+        if self.n_messages_refused > 0 {
+            line(
+                text,
+                &format!(
+                    "{} of {} messages refused",
+                    count(self.n_messages_refused),
+                    count(self.n_messages)
+                ),
+            );
+        }
+    }
+}
+
+/// What was read from one recording, and how.
+pub(super) fn listed(row: &RecordingRow) -> String {
+    let mut text = format!(
+        "{} {}: {} {} from {} {}",
+        row.recording,
+        row.status.as_str(),
+        count(row.n_episodes),
+        plural(row.n_episodes, "episode"),
+        count(row.n_messages),
+        plural(row.n_messages, "message")
+    );
+    for (label, value) in [
+        ("action", &row.action_selector),
+        ("state", &row.state_selector),
+        ("encoding", &row.encoding),
+        ("episodes", &row.episode_rule),
+        ("clock", &row.clock),
+        ("align", &row.align),
+    ] {
+        if let Some(value) = value {
+            let _infallible = write!(text, ", {label} {value}");
+        }
+    }
+    text
+}
+
+/// ` (1 recovered) (2 failed)`: how many have a status that is not the usual one.
+fn exceptions(by_status: &BTreeMap<&'static str, u64>, labels: &[(&str, &str)]) -> String {
+    let mut text = String::new();
+    for (status, label) in labels {
+        if let Some(&n) = by_status.get(status) {
+            let _infallible = write!(text, " ({} {label})", count(n));
+        }
+    }
+    text
+}
+
+/// One row a joint; the environment's own numbers stand in the first.
+fn environment_rows(name: &str, environment: &EnvironmentSummary) -> Vec<Row> {
+    let mut rows: Vec<Row> = environment
+        .joints
+        .iter()
+        .take(NAMED_JOINTS)
+        .map(|(number, joint)| joint_row(*number, joint, environment.n_episodes))
+        .collect();
+    if rows.is_empty() {
+        let mut row = Row::default();
+        for (cell, text) in row[4..].iter_mut().zip(["–", "0", "–", "–"]) {
+            text.clone_into(cell);
+        }
+        rows.push(row);
+    }
+    rows[0][..4].clone_from_slice(&[
+        name.to_owned(),
+        count(environment.n_recordings),
+        count(environment.n_episodes),
+        count(environment.n_steps),
+    ]);
+    let unnamed = environment.joints.len().saturating_sub(NAMED_JOINTS);
+    if unnamed > 0 {
+        let mut row = Row::default();
+        row[4] = format!("and {unnamed} more");
+        rows.push(row);
+    }
+    rows
+}
+
+fn joint_row(number: i32, joint: &JointSummary, n_episodes: u64) -> Row {
+    let mut row = Row::default();
+    row[4] = match &joint.joint_name {
+        Some(name) => name.to_string(),
+        None if number < 0 => "together".to_owned(),
+        None => number.to_string(),
+    };
+    row[5] = count(joint.n_segments);
+    row[6] = format!("{:.1}", joint.n_segments as f64 / n_episodes as f64);
+    row[7] = joint
+        .mean_segment_steps()
+        .map_or_else(|| "–".to_owned(), |mean| format!("{mean:.1}"));
+    row
+}
+
+impl Remark {
+    fn write(&self, text: &mut String) {
+        let reason = self
+            .reason
+            .as_ref()
+            .map_or_else(String::new, |r| format!(": {r}"));
+        line(text, &format!("{} {}{reason}", self.recording, self.status));
+        for (episode, reason) in &self.incomplete {
+            line(text, &format!("  episode {episode} incomplete: {reason}"));
+        }
+        for cause in self.causes.iter().take(NAMED_CAUSES) {
+            line(
+                text,
+                &format!(
+                    "  {} × {} (first at offset {})",
+                    count(cause.count),
+                    cause.cause,
+                    cause.first_offset
+                ),
+            );
+        }
+        if self.causes.len() > NAMED_CAUSES {
+            line(
+                text,
+                &format!(
+                    "  and {} more causes: see the recordings table",
+                    self.causes.len() - NAMED_CAUSES
+                ),
+            );
+        }
+    }
+}
+
+fn line(text: &mut String, content: &str) {
+    text.push_str(content);
+    text.push('\n');
+}
+
+fn plural(n: u64, word: &str) -> String {
+    if n == 1 {
+        word.to_owned()
+    } else {
+        format!("{word}s")
+    }
+}
+
+/// An integer with its thousands apart.
+fn count(n: u64) -> String {
+    let digits = n.to_string();
+    let mut text = String::new();
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            text.push(',');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+/// A rate with three digits.
+fn compact(rate: f64) -> String {
+    match rate {
+        r if r >= 1e6 => format!("{:.1} M", r / 1e6),
+        r if r >= 1e3 => format!("{:.0} k", r / 1e3),
+        r => format!("{r:.0}"),
+    }
+}
+
+/// Rows under each other: the first column and the fifth (names) to the left, numbers to the right.
+fn aligned(text: &mut String, rows: &[Row]) {
+    let widths: [usize; 8] =
+        std::array::from_fn(|c| rows.iter().map(|r| r[c].chars().count()).max().unwrap_or(0));
+    for row in rows {
+        let mut content = String::new();
+        for (c, cell) in row.iter().enumerate() {
+            let width = widths[c];
+            let gap = if c == 0 { "" } else { "  " };
+            let _infallible = if c == 0 || c == 4 {
+                write!(content, "{gap}{cell:<width$}")
+            } else {
+                write!(content, "{gap}{cell:>width$}")
+            };
+        }
+        line(text, content.trim_end());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_read_well() {
+        assert_eq!(
+            [count(0), count(999), count(1000), count(1_234_567)],
+            ["0", "999", "1,000", "1,234,567"]
+        );
+        assert_eq!(
+            [compact(12.0), compact(45_000.0), compact(3.21e6)],
+            ["12", "45 k", "3.2 M"]
+        );
+    }
+}

@@ -1,0 +1,162 @@
+//! Episodes and recordings to Arrow columns. Pure; any thread may build a batch.
+
+use std::sync::Arc;
+
+use arrow::array::RecordBatch;
+
+use super::schema::Table;
+use crate::model::{
+    Episode, EpisodeStatus, JointExtraction, JointMode, Outcome, RecordingRow, Series,
+};
+
+mod columns;
+mod episodes;
+mod recordings;
+mod segments;
+mod steps;
+
+/// Rows of the four tables that belong together.
+#[derive(Debug, Clone)]
+pub struct Batches {
+    pub(super) segments: RecordBatch,
+    pub(super) steps: Option<RecordBatch>,
+    pub(super) episodes: RecordBatch,
+    pub(super) recordings: RecordBatch,
+}
+
+impl Batches {
+    /// The rows of one table; `None` for steps that are not written.
+    pub fn table(&self, table: Table) -> Option<&RecordBatch> {
+        match table {
+            Table::Segments => Some(&self.segments),
+            Table::Steps => self.steps.as_ref(),
+            Table::Episodes => Some(&self.episodes),
+            Table::Recordings => Some(&self.recordings),
+        }
+    }
+}
+
+/// Collects the rows of consecutive episodes and recordings, in the order in which they are to stand.
+pub struct RowsBuilder {
+    mode: JointMode,
+    segments: segments::SegmentRows,
+    steps: Option<steps::StepRows>,
+    episodes: episodes::EpisodeRows,
+    recordings: recordings::RecordingRows,
+}
+
+impl RowsBuilder {
+    /// Without `with_steps`, no per-step rows are made.
+    pub fn new(mode: JointMode, with_steps: bool) -> Self {
+        Self {
+            mode,
+            segments: segments::SegmentRows::default(),
+            steps: with_steps.then(steps::StepRows::default),
+            episodes: episodes::EpisodeRows::default(),
+            recordings: recordings::RecordingRows::default(),
+        }
+    }
+
+    /// Appends all rows of one episode.
+    pub fn append_episode(&mut self, episode: &Episode, outcome: &Outcome) {
+        let joints: &[JointExtraction] = match outcome {
+            Outcome::Extracted(extraction) => &extraction.joints,
+            Outcome::TooShort { .. } => &[],
+        };
+        for (index, joint) in joints.iter().enumerate() {
+            self.segments
+                .append(episode, &JointKey::new(self.mode, episode, index), joint);
+        }
+        if let Some(steps) = &mut self.steps {
+            let n_joints = match self.mode {
+                JointMode::Each => episode.actions.n_columns(),
+                JointMode::Together => 1,
+            };
+            let state: Option<&Series> = match outcome {
+                Outcome::Extracted(extraction) => Some(&extraction.state),
+                Outcome::TooShort { .. } => None,
+            };
+            for index in 0..n_joints {
+                steps.append(
+                    episode,
+                    &JointKey::new(self.mode, episode, index),
+                    joints.get(index).zip(state),
+                );
+            }
+        }
+        self.episodes.append(episode, outcome, joints);
+    }
+
+    /// Appends the row of one recording.
+    pub fn append_recording(&mut self, row: &RecordingRow) {
+        self.recordings.append(row);
+    }
+
+    /// The columns.
+    pub fn finish(self) -> Batches {
+        Batches {
+            segments: self.segments.finish(),
+            steps: self.steps.map(steps::StepRows::finish),
+            episodes: self.episodes.finish(),
+            recordings: self.recordings.finish(),
+        }
+    }
+}
+
+/// Which joint a row is about.
+struct JointKey {
+    mode: JointMode,
+    index: usize,
+    /// −1 for all together.
+    number: i32,
+    name: Option<Arc<str>>,
+}
+
+impl JointKey {
+    fn new(mode: JointMode, episode: &Episode, index: usize) -> Self {
+        match mode {
+            JointMode::Each => {
+                let name = episode
+                    .joint_names
+                    .as_ref()
+                    .and_then(|names| names.get(index).cloned());
+                Self {
+                    mode,
+                    index,
+                    number: int32(index),
+                    name,
+                }
+            }
+            JointMode::Together => Self {
+                mode,
+                index: 0,
+                number: -1,
+                name: None,
+            },
+        }
+    }
+}
+
+/// What the `status` column says of an episode.
+fn status(episode: &Episode, outcome: &Outcome) -> EpisodeStatus {
+    match (&episode.incomplete, outcome) {
+        (Some(_), _) => EpisodeStatus::Incomplete,
+        (None, Outcome::TooShort { .. }) => EpisodeStatus::TooShort,
+        (None, Outcome::Extracted(_)) => EpisodeStatus::Ok,
+    }
+}
+
+/// The sum of rewards, if every step has one.
+fn reward_sum(rewards: &[f64]) -> Option<f64> {
+    let sum = rewards.iter().fold(0.0, |sum, r| sum + r);
+    (!rewards.is_empty() && !sum.is_nan()).then_some(sum)
+}
+
+/// Counts and indices of an episode: more than 2^31 steps do not fit in memory.
+fn int32(n: usize) -> i32 {
+    i32::try_from(n).unwrap_or(i32::MAX)
+}
+
+fn int64(n: u64) -> i64 {
+    i64::try_from(n).unwrap_or(i64::MAX)
+}

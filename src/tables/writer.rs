@@ -1,0 +1,257 @@
+//! Batches to Parquet parts.
+//!
+//! The parts of one number, one in each table, form a *part group*: they hold the same episodes. A group is cut
+//! between two batches, once it has enough rows; so the cut depends on the rows alone, never on time or threads.
+
+use std::path::{Path, PathBuf};
+
+use parquet::arrow::ArrowWriter;
+use parquet::basic::{Compression, Encoding, ZstdLevel};
+use parquet::file::metadata::KeyValue;
+use parquet::file::properties::{EnabledStatistics, WriterProperties};
+use parquet::schema::types::ColumnPath;
+
+use super::directory;
+use super::error::TableError;
+use super::rows::{Batches, RowsBuilder};
+use super::schema::{TABLE_VERSION, Table};
+use super::storage::{self, PartFile};
+use crate::model::JointMode;
+
+/// Rows of `steps` (of `segments` and `episodes` without it) after which a part group is cut.
+pub const DEFAULT_MAX_PART_ROWS: usize = 4 << 20;
+
+/// Rows of a row group.
+const ROW_GROUP_ROWS: usize = 1 << 20;
+
+/// Encoded bytes of a row group after which it is closed: long lists of actions must not fill the memory.
+const ROW_GROUP_BYTES: usize = 64 << 20;
+
+/// zstd level: beyond it parts become hardly smaller and much slower to write.
+const ZSTD_LEVEL: i32 = 3;
+
+/// What is written besides the rows.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TableOptions {
+    /// Write the per-step table.
+    pub steps: bool,
+    /// Shard in the names of the parts; 0 when there is none.
+    pub shard: u32,
+    /// Key-value metadata of each file.
+    pub metadata: Vec<(String, String)>,
+    /// See [`DEFAULT_MAX_PART_ROWS`].
+    pub max_part_rows: usize,
+}
+
+impl Default for TableOptions {
+    fn default() -> Self {
+        Self {
+            steps: true,
+            shard: 0,
+            metadata: Vec::new(),
+            max_part_rows: DEFAULT_MAX_PART_ROWS,
+        }
+    }
+}
+
+/// Writes the four tables below one directory.
+pub struct TableWriter {
+    directory: PathBuf,
+    options: TableOptions,
+    group: Option<Group>,
+    next: u32,
+    empty: Batches,
+}
+
+impl TableWriter {
+    /// Makes the folders of the tables in `directory`.
+    ///
+    /// # Errors
+    /// If they cannot be made.
+    pub fn create(directory: &Path, options: &TableOptions) -> Result<Self, TableError> {
+        for table in tables(options) {
+            storage::create_folder(&directory.join(table.name()))?;
+        }
+        let empty = RowsBuilder::new(JointMode::Each, options.steps).finish();
+        Ok(Self {
+            directory: directory.to_owned(),
+            options: options.clone(),
+            group: None,
+            next: 0,
+            empty,
+        })
+    }
+
+    /// Appends rows to all tables.
+    ///
+    /// # Errors
+    /// If the file system refuses; what was committed before stays.
+    pub fn write(&mut self, batches: &Batches) -> Result<(), TableError> {
+        let group = match &mut self.group {
+            Some(group) => group,
+            none => none.insert(Group::create(&self.directory, &self.options, self.next)?),
+        };
+        group.write(batches)?;
+        if group.n_rows >= self.options.max_part_rows {
+            self.close_group()?;
+        }
+        Ok(())
+    }
+
+    /// Closes the last parts. Every table has one then, if need be without rows, and the directory is marked done.
+    ///
+    /// # Errors
+    /// If the file system refuses.
+    pub fn finish(mut self) -> Result<(), TableError> {
+        if self.next == 0 && self.group.is_none() {
+            let empty = self.empty.clone();
+            self.write(&empty)?;
+        }
+        self.close_group()?;
+        directory::mark_done(&self.directory)
+    }
+
+    fn close_group(&mut self) -> Result<(), TableError> {
+        if let Some(group) = self.group.take() {
+            group.commit()?;
+            self.next += 1;
+        }
+        Ok(())
+    }
+}
+
+fn tables(options: &TableOptions) -> impl Iterator<Item = Table> + use<> {
+    let steps = options.steps;
+    Table::ALL
+        .into_iter()
+        .filter(move |table| steps || *table != Table::Steps)
+}
+
+/// The parts of one number.
+struct Group {
+    parts: Vec<Part>,
+    n_rows: usize,
+}
+
+impl Group {
+    fn create(directory: &Path, options: &TableOptions, number: u32) -> Result<Self, TableError> {
+        let name = format!("part-{:05}-{number:05}.parquet", options.shard);
+        let parts = tables(options)
+            .map(|table| Part::create(directory, table, &name, options))
+            .collect::<Result<_, _>>()?;
+        Ok(Self { parts, n_rows: 0 })
+    }
+
+    fn write(&mut self, batches: &Batches) -> Result<(), TableError> {
+        for part in &mut self.parts {
+            part.write(batches)?;
+        }
+        let rows = |table| {
+            batches
+                .table(table)
+                .map_or(0, arrow::array::RecordBatch::num_rows)
+        };
+        self.n_rows += rows(Table::Steps).max(rows(Table::Segments)) + rows(Table::Episodes);
+        Ok(())
+    }
+
+    fn commit(self) -> Result<(), TableError> {
+        self.parts.into_iter().try_for_each(Part::commit)
+    }
+}
+
+/// One file while it is written, under a temporary name that no `*.parquet` matches.
+struct Part {
+    table: Table,
+    path: PathBuf,
+    temporary: PathBuf,
+    writer: Option<ArrowWriter<PartFile>>,
+}
+
+impl Part {
+    fn create(
+        directory: &Path,
+        table: Table,
+        name: &str,
+        options: &TableOptions,
+    ) -> Result<Self, TableError> {
+        let folder = directory.join(table.name());
+        let temporary = folder.join(directory::temporary_name(name));
+        let file = storage::create(&temporary)?;
+        let writer = ArrowWriter::try_new(file, table.schema(), Some(properties(table, options)))
+            .map_err(TableError::parquet(&temporary))?;
+        Ok(Self {
+            table,
+            path: folder.join(name),
+            temporary,
+            writer: Some(writer),
+        })
+    }
+
+    fn write(&mut self, batches: &Batches) -> Result<(), TableError> {
+        let (Some(writer), Some(batch)) = (&mut self.writer, batches.table(self.table)) else {
+            return Ok(());
+        };
+        writer
+            .write(batch)
+            .map_err(TableError::parquet(&self.temporary))?;
+        if writer.in_progress_size() >= ROW_GROUP_BYTES {
+            writer
+                .flush()
+                .map_err(TableError::parquet(&self.temporary))?;
+        }
+        Ok(())
+    }
+
+    fn commit(mut self) -> Result<(), TableError> {
+        let Some(writer) = self.writer.take() else {
+            return Ok(());
+        };
+        let file = writer
+            .into_inner()
+            .map_err(TableError::parquet(&self.temporary))?;
+        storage::commit(file, &self.temporary, &self.path)
+    }
+}
+
+impl Drop for Part {
+    /// A part that was not committed leaves nothing behind.
+    fn drop(&mut self) {
+        // An error here has no one to be told to; the next run removes what is left.
+        let _best_effort = storage::remove(&self.temporary);
+    }
+}
+
+fn properties(table: Table, options: &TableOptions) -> WriterProperties {
+    let mut metadata = vec![
+        KeyValue::new(
+            "coact.version".to_owned(),
+            env!("CARGO_PKG_VERSION").to_owned(),
+        ),
+        KeyValue::new("coact.table".to_owned(), table.name().to_owned()),
+        KeyValue::new("coact.table_version".to_owned(), TABLE_VERSION.to_string()),
+    ];
+    metadata.extend(
+        options
+            .metadata
+            .iter()
+            .map(|(key, value)| KeyValue::new(key.clone(), value.clone())),
+    );
+    let level = ZstdLevel::try_new(ZSTD_LEVEL).unwrap_or_default();
+    let mut builder = WriterProperties::builder()
+        .set_created_by(concat!("coact ", env!("CARGO_PKG_VERSION")).to_owned())
+        .set_compression(Compression::ZSTD(level))
+        .set_max_row_group_row_count(Some(ROW_GROUP_ROWS))
+        .set_statistics_enabled(EnabledStatistics::Page)
+        .set_key_value_metadata(Some(metadata));
+    if table == Table::Steps {
+        // Step numbers rise by one: differences are nothing, where a dictionary would hold every number.
+        for column in ["step", "time"] {
+            let path = ColumnPath::from(column);
+            builder = builder
+                .set_column_dictionary_enabled(path.clone(), false)
+                .set_column_encoding(path, Encoding::DELTA_BINARY_PACKED);
+        }
+    }
+    builder.build()
+}

@@ -1,0 +1,20 @@
+//! Tests at the boundaries: the library's public functions, files on disk, and the process as a user runs it.
+#![expect(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    clippy::many_single_char_names,
+    clippy::similar_names,
+    clippy::type_complexity,
+    clippy::too_many_lines,
+    reason = "a test may panic, its numbers are small and known, and the naive method keeps the paper's letters"
+)]
+
+mod architecture;
+mod cli;
+mod extraction_golden;
+mod extraction_properties;
+mod recording;
+mod support;
+mod tables;
