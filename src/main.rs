@@ -1,11 +1,6 @@
 //! The `coact` command: parses, runs, prints. The only file that prints.
-#![expect(
-    clippy::print_stdout,
-    clippy::print_stderr,
-    reason = "results go to stdout, diagnostics to stderr"
-)]
 
-use std::io;
+use std::io::{self, Write};
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -17,8 +12,9 @@ fn main() -> ExitCode {
     let code = match Cli::parse().command {
         Command::Extract(args) => extract(*args),
         Command::Completions { shell } => {
-            cli::completions(shell, &mut io::stdout());
-            exit::DONE
+            let mut script = Vec::new();
+            cli::completions(shell, &mut script);
+            print(&script, exit::DONE)
         }
     };
     ExitCode::from(code)
@@ -34,8 +30,7 @@ fn extract(args: cli::ExtractArgs) -> u8 {
             verbose,
         }) => (config, progress, summary, quiet, verbose),
         Ok(Request::PrintConfig(text)) => {
-            print!("{text}");
-            return exit::DONE;
+            return print(text.as_bytes(), exit::DONE);
         }
         Err(message) => return fail(&message, exit::USAGE),
     };
@@ -48,23 +43,42 @@ fn extract(args: cli::ExtractArgs) -> u8 {
         Err(e @ RunError::Failed(_)) => return fail(&e.to_string(), exit::FAILED),
     };
     if verbose {
-        eprint!("{}", summary.listing_text());
+        tell(&summary.listing_text());
     }
-    eprint!("{}", summary.remarks_text());
-    if !quiet {
-        match format {
-            SummaryFormat::Text => print!("{}", summary.to_text()),
-            SummaryFormat::Json => println!("{}", summary.to_json()),
-        }
-    }
-    match summary.outcome() {
+    tell(&summary.remarks_text());
+    let code = match summary.outcome() {
         RunOutcome::Done => exit::DONE,
         RunOutcome::Partial => exit::PARTIAL,
-        RunOutcome::Failed => fail("no episode came out", exit::FAILED),
+        RunOutcome::Failed => exit::FAILED,
+    };
+    let code = match format {
+        _ if quiet => code,
+        SummaryFormat::Text => print(summary.to_text().as_bytes(), code),
+        SummaryFormat::Json => print((summary.to_json() + "\n").as_bytes(), code),
+    };
+    if summary.outcome() == RunOutcome::Failed {
+        return fail("no episode came out", code);
+    }
+    code
+}
+
+/// Writes a result to stdout; `code` if that worked. That nobody reads on is no failure.
+fn print(result: &[u8], code: u8) -> u8 {
+    let mut stdout = io::stdout().lock();
+    match stdout.write_all(result).and_then(|()| stdout.flush()) {
+        Err(e) if e.kind() != io::ErrorKind::BrokenPipe => {
+            fail(&format!("cannot write to stdout: {e}"), exit::FAILED)
+        }
+        _ => code,
     }
 }
 
+/// Writes a diagnostic to stderr; where that is closed there is no one left to tell.
+fn tell(diagnostic: &str) {
+    let _nobody_listens: io::Result<()> = io::stderr().write_all(diagnostic.as_bytes());
+}
+
 fn fail(message: &str, code: u8) -> u8 {
-    eprintln!("coact: {message}");
+    tell(&format!("coact: {message}\n"));
     code
 }

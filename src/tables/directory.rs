@@ -48,7 +48,11 @@ pub fn clear_own_files(directory: &Path) -> Result<(), TableError> {
     storage::remove(&directory.join(SUCCESS))?;
     own_files(directory)?
         .iter()
-        .try_for_each(|path| storage::remove(path))
+        .try_for_each(|path| storage::remove(path))?;
+    for table in Table::ALL {
+        storage::remove_empty_folder(&directory.join(table.name()));
+    }
+    Ok(())
 }
 
 /// Our files in `directory`; no directory has none.

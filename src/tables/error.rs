@@ -10,7 +10,7 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum TableError {
     /// The file system refused.
-    #[error("cannot {action} {}: {source}", path.display())]
+    #[error("cannot {action} {}", path.display())]
     Io {
         /// What was tried: `create`, `write`, `sync`, `rename`, …
         action: &'static str,
@@ -20,7 +20,7 @@ pub enum TableError {
         source: io::Error,
     },
     /// The Parquet writer refused; on a full disk too.
-    #[error("cannot write {}: {source}", path.display())]
+    #[error("cannot write {}", path.display())]
     Parquet {
         /// The part, under its temporary name.
         path: PathBuf,

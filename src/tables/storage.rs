@@ -44,6 +44,12 @@ pub(super) fn remove(path: &Path) -> Result<(), TableError> {
     }
 }
 
+/// Removes a folder that holds nothing; any other stays.
+pub(super) fn remove_empty_folder(path: &Path) {
+    // A folder that is not empty, or not there, is none of our business.
+    let _stays: io::Result<()> = fs::remove_dir(path);
+}
+
 /// Makes the names in a folder durable.
 fn sync_folder(path: &Path) -> Result<(), TableError> {
     // Other systems have no such call, and need none.
