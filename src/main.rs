@@ -11,6 +11,7 @@ use coact::report::RunOutcome;
 fn main() -> ExitCode {
     let code = match Cli::parse().command {
         Command::Extract(args) => extract(*args),
+        Command::Inspect(args) => inspect(&args),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             cli::completions(shell, &mut script);
@@ -39,8 +40,7 @@ fn extract(args: cli::ExtractArgs) -> u8 {
     display.finish();
     let summary = match result {
         Ok(summary) => summary,
-        Err(e @ RunError::Arguments(_)) => return fail(&e.to_string(), exit::USAGE),
-        Err(e @ RunError::Failed(_)) => return fail(&e.to_string(), exit::FAILED),
+        Err(e) => return fail(&e.to_string(), code_of(&e)),
     };
     if verbose {
         tell(&summary.listing_text());
@@ -60,6 +60,26 @@ fn extract(args: cli::ExtractArgs) -> u8 {
         return fail("no episode came out", code);
     }
     code
+}
+
+fn inspect(args: &cli::InspectArgs) -> u8 {
+    let inspected = match pipeline::inspect(&args.inputs) {
+        Ok(inspected) => inspected,
+        Err(e) => return fail(&e.to_string(), code_of(&e)),
+    };
+    let text = if args.json {
+        cli::inspect::to_json(&inspected) + "\n"
+    } else {
+        cli::inspect::to_text(&inspected)
+    };
+    print(text.as_bytes(), cli::inspect::exit_code(&inspected))
+}
+
+fn code_of(e: &RunError) -> u8 {
+    match e {
+        RunError::Arguments(_) => exit::USAGE,
+        RunError::Failed(_) => exit::FAILED,
+    }
 }
 
 /// Writes a result to stdout; `code` if that worked. That nobody reads on is no failure.

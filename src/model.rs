@@ -239,6 +239,8 @@ pub struct Cause {
     pub count: u64,
     /// Where first: bytes from the beginning of the file.
     pub first_offset: u64,
+    /// It is to be expected, such as a step before the first state: no reason for another exit code.
+    pub expected: bool,
 }
 
 /// One row of the `recordings` table: how a recording was read and what came of it.
@@ -266,6 +268,8 @@ pub struct RecordingRow {
     pub clock: Option<String>,
     /// How states were put on the action's clock.
     pub align: Option<String>,
+    /// What was found out about the layout, and why; `None` if it was asked for. Not in the tables.
+    pub chosen: Option<String>,
     /// Messages on the chosen topics; always `n_messages_used + n_messages_refused`.
     pub n_messages: u64,
     /// Messages that became steps, or could have.

@@ -216,7 +216,10 @@ impl RunSummary {
         self.n_messages_refused += row.n_messages_refused;
         self.bytes += row.bytes;
         self.listing.push(text::listed(row));
-        if row.status == RecordingStatus::Ok && row.causes.is_empty() && current.n_incomplete == 0 {
+        if row.status == RecordingStatus::Ok
+            && row.causes.iter().all(|c| c.expected)
+            && current.n_incomplete == 0
+        {
             return;
         }
         let mut incomplete = current.incomplete;

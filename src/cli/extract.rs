@@ -1,17 +1,20 @@
 //! `coact extract`: its options, the configuration file that may hold the same, and what both come to.
 
 use std::path::PathBuf;
+use std::str::FromStr;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::bytes::ByteSize;
 use super::progress::When;
 use crate::extraction::{ExtractionParams, Measure, Profile, RawParams};
 use crate::model::JointMode;
 use crate::pipeline::Config;
-use crate::recording::{Limits, ReadOptions};
+use crate::recording::{
+    Align, Clock, EpisodeOption, Limits, OnDamage, ReadOptions, Selector, parse_seconds,
+};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -19,6 +22,7 @@ Examples:
   coact extract run1.mcap 'logs/*.mcap' -o out      files and globs
   coact extract logs -o out --measure shannon --window 8 --threshold 0.3
   coact extract logs -o out --joints together --steps none
+  coact extract bags -o out --action /command:data --state /joint_states:position
   coact extract logs --dry-run                      read and check everything, write nothing
   coact extract --config run.toml -o out            options from a file; the command line wins
 
@@ -121,6 +125,42 @@ struct Options {
     #[arg(long, value_name = "MODE", value_parser = joints_parser(), help_heading = "Method")]
     joints: Option<JointMode>,
 
+    /// Where actions come from: TOPIC:PATH; repeatable, concatenated in order [default: found out]
+    #[arg(long, value_name = "SELECTOR", help_heading = "Recordings")]
+    #[serde(
+        skip_serializing_if = "Vec::is_empty",
+        deserialize_with = "one_or_many"
+    )]
+    action: Vec<Selector>,
+
+    /// Where states come from: TOPIC:PATH; repeatable, concatenated in order [default: found out]
+    #[arg(long, value_name = "SELECTOR", help_heading = "Recordings")]
+    #[serde(
+        skip_serializing_if = "Vec::is_empty",
+        deserialize_with = "one_or_many"
+    )]
+    state: Vec<Selector>,
+
+    /// auto, recording, field:SELECTOR, done:SELECTOR, marker:TOPIC or gap:SECONDS [default: auto]
+    #[arg(long, value_name = "RULE", help_heading = "Recordings")]
+    episodes: Option<EpisodeOption>,
+
+    /// How states are put on the action's clock [default: before]
+    #[arg(long, value_name = "HOW", value_parser = align_parser(), help_heading = "Recordings")]
+    align: Option<Align>,
+
+    /// Drop steps whose state is older than this [default: unlimited]
+    #[arg(long, value_name = "SECONDS", help_heading = "Recordings")]
+    max_age: Option<Seconds>,
+
+    /// Which time of a message counts [default: log]
+    #[arg(long, value_name = "CLOCK", value_parser = clock_parser(), help_heading = "Recordings")]
+    clock: Option<Clock>,
+
+    /// Damaged recordings: keep what is whole, or refuse them [default: recover]
+    #[arg(long, value_name = "HOW", value_parser = on_damage_parser(), help_heading = "Recordings")]
+    on_damage: Option<OnDamage>,
+
     /// Write the per-step table [default: full]
     #[arg(long, value_enum, value_name = "WHAT", help_heading = "Output")]
     steps: Option<Steps>,
@@ -172,6 +212,66 @@ struct Options {
     #[arg(short, long, help_heading = "Running")]
     #[serde(skip_serializing_if = "is_false")]
     verbose: bool,
+}
+
+/// What is given, else what is given elsewhere.
+fn or_if_empty<T>(given: Vec<T>, other: Vec<T>) -> Vec<T> {
+    if given.is_empty() { other } else { given }
+}
+
+/// One selector may stand in a configuration file without brackets.
+fn one_or_many<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Selector>, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(
+        untagged,
+        expecting = "a selector or a list of selectors, each TOPIC:PATH"
+    )]
+    enum OneOrMany {
+        One(Selector),
+        Many(Vec<Selector>),
+    }
+    Ok(match OneOrMany::deserialize(deserializer)? {
+        OneOrMany::One(selector) => vec![selector],
+        OneOrMany::Many(selectors) => selectors,
+    })
+}
+
+/// A time span, typed in seconds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Seconds(i64);
+
+impl FromStr for Seconds {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        parse_seconds(text)
+            .map(Self)
+            .ok_or_else(|| format!("{text:?} is not a number of seconds"))
+    }
+}
+
+impl Serialize for Seconds {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_f64(self.0 as f64 / 1e9)
+    }
+}
+
+impl<'de> Deserialize<'de> for Seconds {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        #[derive(Deserialize)]
+        #[serde(untagged, expecting = "a number of seconds")]
+        enum Number {
+            Integer(u32),
+            Float(f64),
+            Text(String),
+        }
+        let text = match Number::deserialize(deserializer)? {
+            Number::Integer(n) => n.to_string(),
+            Number::Float(x) => format!("{x}"),
+            Number::Text(text) => text,
+        };
+        text.parse().map_err(serde::de::Error::custom)
+    }
 }
 
 #[expect(
@@ -238,11 +338,7 @@ impl Options {
     /// What is given here, else what is given there.
     fn or(self, other: Self) -> Self {
         Self {
-            inputs: if self.inputs.is_empty() {
-                other.inputs
-            } else {
-                self.inputs
-            },
+            inputs: or_if_empty(self.inputs, other.inputs),
             output: self.output.or(other.output),
             measure: self.measure.or(other.measure),
             profile: self.profile.or(other.profile),
@@ -252,6 +348,13 @@ impl Options {
             order: self.order.or(other.order),
             tolerance: self.tolerance.or(other.tolerance),
             joints: self.joints.or(other.joints),
+            action: or_if_empty(self.action, other.action),
+            state: or_if_empty(self.state, other.state),
+            episodes: self.episodes.or(other.episodes),
+            align: self.align.or(other.align),
+            max_age: self.max_age.or(other.max_age),
+            clock: self.clock.or(other.clock),
+            on_damage: self.on_damage.or(other.on_damage),
             steps: self.steps.or(other.steps),
             overwrite: self.overwrite || other.overwrite,
             dry_run: self.dry_run || other.dry_run,
@@ -292,6 +395,10 @@ impl Options {
             window: Some(raw.window),
             threshold: Some(raw.threshold),
             joints: Some(raw.joints),
+            episodes: Some(self.episodes.clone().unwrap_or_default()),
+            align: Some(self.align.unwrap_or_default()),
+            clock: Some(self.clock.unwrap_or_default()),
+            on_damage: Some(self.on_damage.unwrap_or_default()),
             steps: Some(self.steps.unwrap_or_default()),
             max_record: self.max_record.or(Some(ByteSize(limits.max_record))),
             max_chunk: self.max_chunk.or(Some(ByteSize(limits.max_chunk))),
@@ -314,6 +421,19 @@ impl Options {
         }
     }
 
+    fn read_options(&self) -> ReadOptions {
+        ReadOptions {
+            limits: self.limits(),
+            actions: self.action.clone(),
+            states: self.state.clone(),
+            episodes: self.episodes.clone().unwrap_or_default(),
+            align: self.align.unwrap_or_default(),
+            max_age_nanos: self.max_age.map(|s| s.0),
+            clock: self.clock.unwrap_or_default(),
+            on_damage: self.on_damage.unwrap_or_default(),
+        }
+    }
+
     fn run(self, params: ExtractionParams) -> Result<Request, String> {
         if self.inputs.is_empty() {
             return Err("no INPUT given: name files, folders or globs of recordings".to_owned());
@@ -329,9 +449,7 @@ impl Options {
         }
         let config = Config {
             params,
-            read: ReadOptions {
-                limits: self.limits(),
-            },
+            read: self.read_options(),
             steps: self.steps != Some(Steps::None),
             overwrite: self.overwrite,
             threads: self.threads.unwrap_or_default(),
@@ -389,6 +507,29 @@ fn profile_parser() -> impl TypedValueParser<Value = Profile> {
         } else {
             Profile::Paper
         }
+    })
+}
+
+fn align_parser() -> impl TypedValueParser<Value = Align> {
+    PossibleValuesParser::new(["before", "nearest", "index"]).map(|name| match name.as_str() {
+        "nearest" => Align::Nearest,
+        "index" => Align::Index,
+        _ => Align::Before,
+    })
+}
+
+fn clock_parser() -> impl TypedValueParser<Value = Clock> {
+    PossibleValuesParser::new(["log", "publish", "header"]).map(|name| match name.as_str() {
+        "publish" => Clock::Publish,
+        "header" => Clock::Header,
+        _ => Clock::Log,
+    })
+}
+
+fn on_damage_parser() -> impl TypedValueParser<Value = OnDamage> {
+    PossibleValuesParser::new(["recover", "fail"]).map(|name| match name.as_str() {
+        "fail" => OnDamage::Fail,
+        _ => OnDamage::Recover,
     })
 }
 

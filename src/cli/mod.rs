@@ -2,6 +2,7 @@
 
 mod bytes;
 mod extract;
+pub mod inspect;
 mod progress;
 
 use std::io::Write;
@@ -10,6 +11,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 
 pub use bytes::ByteSize;
 pub use extract::{ExtractArgs, Request, SummaryFormat};
+pub use inspect::InspectArgs;
 pub use progress::ProgressDisplay;
 
 /// Finds composite actions in recordings of agents.
@@ -26,6 +28,8 @@ pub struct Cli {
 pub enum Command {
     /// Extract composite actions from recordings into Parquet tables
     Extract(Box<ExtractArgs>),
+    /// Show topics, fields and rates of recordings, and a command line that reads them
+    Inspect(InspectArgs),
     /// Print a completion script for a shell
     Completions {
         /// Which shell

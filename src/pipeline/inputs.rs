@@ -1,6 +1,6 @@
 //! From what a user typed (files, folders, globs) to a sorted list of recordings with names that are theirs alone.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsStr;
 use std::fmt::Write as _;
 use std::path::{Component, Path, PathBuf};
@@ -8,12 +8,17 @@ use std::sync::Arc;
 
 use thiserror::Error;
 
+use crate::recording::rosbag2_files;
+
 /// One recording to be read, or why it cannot be.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Input {
     /// What the tables call it: relative to the common ancestor of all inputs, `/` between.
     pub(crate) name: Arc<str>,
+    /// The file, or the bag's directory.
     pub(crate) path: PathBuf,
+    /// Its files in their order; more than one for a split bag.
+    pub(crate) files: Vec<PathBuf>,
     /// Set if it is known already that it cannot be read.
     pub(crate) problem: Option<String>,
 }
@@ -59,18 +64,62 @@ pub(crate) fn find(arguments: &[PathBuf]) -> Result<Vec<Input>, InputError> {
     Ok(found.named())
 }
 
-/// Files by absolute path, which makes each unique.
+impl Input {
+    /// Bytes of its files, as far as they are there.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.files
+            .iter()
+            .filter_map(|file| std::fs::metadata(file).ok())
+            .map(|m| m.len())
+            .sum()
+    }
+}
+
+/// A recording that was found: its files, and what is wrong with it.
+struct Entry {
+    path: PathBuf,
+    files: Vec<PathBuf>,
+    problem: Option<String>,
+}
+
+/// Recordings by the absolute path of their file or bag directory, which makes each unique.
 #[derive(Default)]
 struct Found {
-    files: BTreeMap<PathBuf, (PathBuf, Option<String>)>,
+    files: BTreeMap<PathBuf, Entry>,
+    /// Files of bags, which are no recordings of their own.
+    in_bags: BTreeSet<PathBuf>,
 }
 
 impl Found {
     fn file(&mut self, path: &Path, problem: Option<String>) {
-        let absolute = absolute(path);
-        self.files
-            .entry(absolute)
-            .or_insert_with(|| (path.to_owned(), problem));
+        self.files.entry(absolute(path)).or_insert_with(|| Entry {
+            path: path.to_owned(),
+            files: vec![path.to_owned()],
+            problem,
+        });
+    }
+
+    /// Takes a folder as one recording if it is a rosbag2 directory.
+    fn bag(&mut self, folder: &Path) {
+        let Some(files) = rosbag2_files(folder) else {
+            return;
+        };
+        let entry = match files {
+            Ok(files) => {
+                self.in_bags.extend(files.iter().map(|f| absolute(f)));
+                Entry {
+                    path: folder.to_owned(),
+                    files,
+                    problem: None,
+                }
+            }
+            Err(problem) => Entry {
+                path: folder.to_owned(),
+                files: vec![folder.to_owned()],
+                problem: Some(problem),
+            },
+        };
+        self.files.entry(absolute(folder)).or_insert(entry);
     }
 
     fn folder(&mut self, folder: &Path) {
@@ -79,7 +128,11 @@ impl Found {
             .sort_by_file_name()
         {
             match entry {
-                Ok(entry) if !entry.file_type().is_dir() && is_recording(entry.file_name()) => {
+                Ok(entry) if entry.file_type().is_dir() => self.bag(entry.path()),
+                Ok(entry)
+                    if is_recording(entry.file_name())
+                        && !self.in_bags.contains(&absolute(entry.path())) =>
+                {
                     self.file(entry.path(), None);
                 }
                 Ok(_) => {}
@@ -116,7 +169,12 @@ impl Found {
         let mut inputs: Vec<Input> = self
             .files
             .into_iter()
-            .map(|(absolute, (path, problem))| {
+            .map(|(absolute, entry)| {
+                let Entry {
+                    path,
+                    files,
+                    problem,
+                } = entry;
                 let relative = absolute.strip_prefix(&ancestor).unwrap_or(&absolute);
                 let name: Vec<String> = relative
                     .components()
@@ -125,6 +183,7 @@ impl Found {
                 Input {
                     name: Arc::from(name.join("/")),
                     path,
+                    files,
                     problem,
                 }
             })
@@ -231,6 +290,24 @@ mod tests {
             ["deep/y.MCAP", "x.mcap"]
         );
         assert_eq!(names(&[root.join("*/x.mcap")]), ["a/x.mcap", "b/x.mcap"]);
+    }
+
+    #[test]
+    fn a_bag_directory_is_one_recording_named_after_it() {
+        let dir = tempfile::tempdir().unwrap();
+        let bag = dir.path().join("runs/bag");
+        std::fs::create_dir_all(&bag).unwrap();
+        for file in ["bag_0.mcap", "bag_1.mcap", "extra.mcap"] {
+            std::fs::write(bag.join(file), b"").unwrap();
+        }
+        let metadata = "rosbag2_bagfile_information:\n  storage_identifier: mcap\n  relative_file_paths: [bag_1.mcap, bag_0.mcap]\n";
+        std::fs::write(bag.join("metadata.yaml"), metadata).unwrap();
+        assert_eq!(names(std::slice::from_ref(&bag)), ["bag", "bag/extra.mcap"]);
+        let found = find(&[dir.path().to_owned()]).unwrap();
+        assert_eq!(
+            found[0].files,
+            [bag.join("bag_1.mcap"), bag.join("bag_0.mcap")]
+        );
     }
 
     #[test]

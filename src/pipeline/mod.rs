@@ -11,6 +11,7 @@
 
 mod config;
 mod inputs;
+mod inspect;
 mod source;
 
 use std::time::Instant;
@@ -20,6 +21,7 @@ use rayon::prelude::*;
 
 pub use config::{Config, RunError};
 pub use inputs::InputError;
+pub use inspect::{Inspected, inspect};
 
 use crate::extraction::{self, ExtractionParams};
 use crate::model::{Episode, Outcome};
@@ -104,11 +106,7 @@ fn stages(
     let mut source = Source::new(inputs, &config.read);
     let mut progress = Progress {
         n_recordings_total: inputs.len() as u64,
-        bytes_total: inputs
-            .iter()
-            .filter_map(|i| std::fs::metadata(&i.path).ok())
-            .map(|m| m.len())
-            .sum(),
+        bytes_total: inputs.iter().map(Input::bytes).sum(),
         ..Progress::default()
     };
     let mut summary = RunSummary::default();

@@ -120,7 +120,7 @@ impl<'a> Source<'a> {
 
 impl<'a> Active<'a> {
     fn new(input: &'a Input) -> Self {
-        let bytes = std::fs::metadata(&input.path).map_or(0, |m| m.len());
+        let bytes = input.bytes();
         Self {
             input,
             bytes,
@@ -160,7 +160,7 @@ impl<'a> Active<'a> {
                 problem,
             )));
         }
-        match RecordingReader::open(&self.input.path, name(), options) {
+        match RecordingReader::open_split(self.input.files.clone(), name(), options) {
             Ok(reader) => Ok(Box::new(reader)),
             Err(e) => Err(Box::new(RecordingReader::failed_row(
                 name(),

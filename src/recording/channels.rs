@@ -1,10 +1,12 @@
-//! The schemas and channels of one file, as its own records define them, and how many messages each topic had.
+//! The schemas and channels of one file, as its own records define them, and how many messages each channel had.
 //!
-//! Ids are per file: nothing here outlives its recording.
+//! Ids are per file: nothing here outlives its file.
 
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
+use std::path::Path;
 
+use super::limits::Limits;
+use super::rescue;
 use super::wire::{Channel, Schema};
 
 /// A definition that contradicts an earlier one of the same id.
@@ -21,10 +23,8 @@ pub(crate) struct Channels {
     /// Messages seen, by channel id.
     counts: BTreeMap<u16, u64>,
     last_counted: Option<(u16, u64)>,
+    rescued: bool,
 }
-
-/// Most topics that an error lists.
-const LISTED_TOPICS: usize = 20;
 
 impl Channels {
     /// Adds a schema; the same again is no news. Id 0 means "no schema" and defines nothing.
@@ -60,8 +60,29 @@ impl Channels {
         }
     }
 
+    /// Takes over from the summary what the data does not define; true if that is anything. Looked for once.
+    pub(crate) fn rescue(&mut self, path: &Path, limits: &Limits) -> bool {
+        if std::mem::replace(&mut self.rescued, true) {
+            return false;
+        }
+        let (schemas, channels) = rescue::definitions(path, limits).unwrap_or_default();
+        for schema in schemas {
+            self.schemas.entry(schema.id).or_insert(schema);
+        }
+        let n_before = self.by_id.len();
+        for channel in channels {
+            self.by_id.entry(channel.id).or_insert(channel);
+        }
+        self.by_id.len() > n_before
+    }
+
     pub(crate) fn channel(&self, id: u16) -> Option<&Channel> {
         self.by_id.get(&id)
+    }
+
+    /// The schema of a channel; id 0 is none.
+    pub(crate) fn schema(&self, id: u16) -> Option<&Schema> {
+        self.schemas.get(&id)
     }
 
     /// Counts one message; false if its channel is not defined.
@@ -87,26 +108,12 @@ impl Channels {
         }
     }
 
-    /// One line of topics with encodings and message counts, for errors.
-    pub(crate) fn describe(&mut self) -> String {
+    /// Each channel with its messages so far.
+    pub(crate) fn counted(&mut self) -> impl Iterator<Item = (&Channel, u64)> {
         self.settle();
-        if self.by_id.is_empty() {
-            return "the file has no topics".to_owned();
-        }
-        let mut text = String::from("topics found: ");
-        for (i, (id, channel)) in self.by_id.iter().enumerate() {
-            if i == LISTED_TOPICS {
-                let _infallible = write!(text, " and {} more", self.by_id.len() - LISTED_TOPICS);
-                break;
-            }
-            let n = self.counts.get(id).copied().unwrap_or(0);
-            let separator = if i == 0 { "" } else { ", " };
-            let _infallible = write!(
-                text,
-                "{separator}{} ({}, {n} messages)",
-                channel.topic, channel.encoding
-            );
-        }
-        text
+        let counts = &self.counts;
+        self.by_id
+            .iter()
+            .map(|(id, channel)| (channel, counts.get(id).copied().unwrap_or(0)))
     }
 }

@@ -6,10 +6,10 @@
 use std::collections::{BTreeMap, HashSet};
 use std::sync::Arc;
 
-use super::decode::{Row, RowId};
 use super::error::RecordingError;
 use super::limits::Limits;
-use super::open_episode::{Closed, OpenEpisode, Place};
+use super::open_episode::{Closed, OpenEpisode};
+use super::step::{IdRef, Meta, Place, Step};
 use super::tally::Tally;
 use crate::model::{Episode, EpisodeKey};
 
@@ -30,16 +30,14 @@ pub(crate) enum EpisodeRule {
     EndFlag,
     /// The recording is one episode.
     Recording,
+    /// Where the timeline cuts: at markers, pauses, flags of other topics.
+    Cut,
 }
 
 impl EpisodeRule {
-    /// As it stands in the `recordings` table.
-    pub(crate) fn describe(self) -> &'static str {
-        match self {
-            Self::Id => "field",
-            Self::EndFlag => "done",
-            Self::Recording => "recording",
-        }
+    /// Does an end flag in a message of the action end its episode?
+    fn ends_by_flag(self) -> bool {
+        matches!(self, Self::Id | Self::EndFlag)
     }
 }
 
@@ -53,19 +51,19 @@ enum Id {
 }
 
 impl Id {
-    fn is(&self, row: &Row) -> bool {
-        match (self, row.id) {
-            (Self::Integer(id), RowId::Integer(other)) => *id == other,
-            (Self::Text(id), RowId::Text) => **id == *row.id_text,
+    fn is(&self, logged: IdRef<'_>) -> bool {
+        match (self, logged) {
+            (Self::Integer(id), IdRef::Integer(other)) => *id == other,
+            (Self::Text(id), IdRef::Text(other)) => **id == *other,
             _ => false,
         }
     }
 
-    fn of(row: &Row) -> Option<Self> {
-        match row.id {
-            RowId::None => None,
-            RowId::Integer(id) => Some(Self::Integer(id)),
-            RowId::Text => Some(Self::Text(Arc::from(row.id_text.as_str()))),
+    fn of(logged: IdRef<'_>) -> Option<Self> {
+        match logged {
+            IdRef::None => None,
+            IdRef::Integer(id) => Some(Self::Integer(id)),
+            IdRef::Text(id) => Some(Self::Text(Arc::from(id))),
         }
     }
 }
@@ -92,13 +90,16 @@ pub(crate) struct Episodes {
     /// Why the beginning of the next new episode may be missing.
     loss: Option<String>,
     n_used: u64,
+    /// Steps that were dropped before the next episode opens.
+    n_dropped: u64,
     ready: Vec<Episode>,
 }
 
 impl Episodes {
-    pub(crate) fn new(limits: Limits) -> Self {
+    /// Without a rule, the first message decides: by its id, else its end flag, else the recording.
+    pub(crate) fn new(limits: Limits, rule: Option<EpisodeRule>) -> Self {
         Self {
-            rule: None,
+            rule,
             limits,
             open: Vec::new(),
             closed: HashSet::new(),
@@ -108,6 +109,7 @@ impl Episodes {
             clock: 0,
             loss: None,
             n_used: 0,
+            n_dropped: 0,
             ready: Vec::new(),
         }
     }
@@ -134,30 +136,30 @@ impl Episodes {
     /// Adds one step, or refuses it.
     pub(crate) fn push(
         &mut self,
-        row: &Row,
-        place: Place,
+        step: &Step<'_>,
         common: &Common,
         tally: &mut Tally,
     ) -> Result<(), RecordingError> {
-        let rule = *self.rule.get_or_insert(match row {
-            Row {
-                id: RowId::Integer(_) | RowId::Text,
+        let Step { meta, place, .. } = *step;
+        let rule = *self.rule.get_or_insert(match meta {
+            Meta {
+                id: IdRef::Integer(_) | IdRef::Text(_),
                 ..
             } => EpisodeRule::Id,
-            Row {
+            Meta {
                 has_end_flag: true, ..
             } => EpisodeRule::EndFlag,
             _ => EpisodeRule::Recording,
         });
-        if rule == EpisodeRule::Id && row.id == RowId::None {
-            self.bad(row, "episode is missing", place, common, tally);
+        if rule == EpisodeRule::Id && meta.id == IdRef::None {
+            self.bad(meta, "episode is missing", place, common, tally);
             return Ok(());
         }
-        let Some(index) = self.find_or_open(row, rule, place, common, tally) else {
+        let Some(index) = self.find_or_open(meta, rule, place, common, tally) else {
             return Ok(());
         };
         let open = &mut self.open[index];
-        open.episode.push(row, place, tally);
+        open.episode.push(step, tally);
         if open.episode.bytes() > self.limits.max_episode {
             let episode = match &open.id {
                 Id::Nth(n) => n.to_string(),
@@ -169,7 +171,7 @@ impl Episodes {
                 limit: self.limits.max_episode,
             });
         }
-        if row.ended && rule != EpisodeRule::Recording {
+        if meta.ended && rule.ends_by_flag() {
             self.close(index, common, tally);
         }
         Ok(())
@@ -178,13 +180,13 @@ impl Episodes {
     /// Refuses one message; the episode it belongs to, if that can be told, is used up to here.
     pub(crate) fn bad(
         &mut self,
-        row: &Row,
+        meta: Meta<'_>,
         cause: &str,
         place: Place,
         common: &Common,
         tally: &mut Tally,
     ) {
-        if row.id == RowId::None && self.rule == Some(EpisodeRule::Id) {
+        if meta.id == IdRef::None && self.rule == Some(EpisodeRule::Id) {
             // Whose step it was is not known. Where only one episode is open it is that one's; else the step numbers
             // will show a gap.
             tally.refuse(cause, place.offset);
@@ -199,7 +201,7 @@ impl Episodes {
         }
         let rule = match self.rule {
             Some(rule) => rule,
-            None if row.id != RowId::None => *self.rule.insert(EpisodeRule::Id),
+            None if meta.id != IdRef::None => *self.rule.insert(EpisodeRule::Id),
             None => {
                 // Nothing good came yet: what the rule will be is not known.
                 tally.refuse(cause, place.offset);
@@ -207,12 +209,12 @@ impl Episodes {
                 return;
             }
         };
-        let Some(index) = self.find_or_open(row, rule, place, common, tally) else {
+        let Some(index) = self.find_or_open(meta, rule, place, common, tally) else {
             return;
         };
         tally.refuse(cause, place.offset);
-        self.open[index].episode.bad_step(row.step, cause);
-        if row.ended && rule != EpisodeRule::Recording {
+        self.open[index].episode.bad_step(meta.number, cause);
+        if meta.ended && rule.ends_by_flag() {
             self.close(index, common, tally);
         }
     }
@@ -225,6 +227,19 @@ impl Episodes {
         self.loss = Some(cause.to_owned());
     }
 
+    /// Ends the open episode, if there is one; the next step begins another.
+    pub(crate) fn cut(&mut self, common: &Common, tally: &mut Tally) {
+        self.finish(common, tally);
+    }
+
+    /// A step was read, and is not used.
+    pub(crate) fn drop_step(&mut self) {
+        match self.open.as_mut_slice() {
+            [only] => only.episode.drop_steps(1),
+            _ => self.n_dropped += 1,
+        }
+    }
+
     /// Closes all that is open: the recording is at its end.
     pub(crate) fn finish(&mut self, common: &Common, tally: &mut Tally) {
         while let Some(index) = (0..self.open.len()).min_by_key(|&i| self.open[i].nth) {
@@ -235,7 +250,7 @@ impl Episodes {
     /// Index of the open episode that `row` belongs to. `None`: the episode is closed, and the message refused.
     fn find_or_open(
         &mut self,
-        row: &Row,
+        meta: Meta<'_>,
         rule: EpisodeRule,
         place: Place,
         common: &Common,
@@ -243,16 +258,20 @@ impl Episodes {
     ) -> Option<usize> {
         self.clock += 1;
         let found = match rule {
-            EpisodeRule::Id => self.open.iter().position(|open| open.id.is(row)),
-            EpisodeRule::EndFlag | EpisodeRule::Recording => (!self.open.is_empty()).then_some(0),
+            EpisodeRule::Id => self.open.iter().position(|open| open.id.is(meta.id)),
+            EpisodeRule::EndFlag | EpisodeRule::Recording | EpisodeRule::Cut => {
+                (!self.open.is_empty()).then_some(0)
+            }
         };
         if let Some(index) = found {
             self.open[index].last_fed = self.clock;
             return Some(index);
         }
         let id = match rule {
-            EpisodeRule::Id => Id::of(row)?,
-            EpisodeRule::EndFlag | EpisodeRule::Recording => Id::Nth(self.n_appeared),
+            EpisodeRule::Id => Id::of(meta.id)?,
+            EpisodeRule::EndFlag | EpisodeRule::Recording | EpisodeRule::Cut => {
+                Id::Nth(self.n_appeared)
+            }
         };
         if self.closed.contains(&id) {
             tally.refuse("message for an episode that is closed", place.offset);
@@ -264,9 +283,10 @@ impl Episodes {
             self.close(stalest, common, tally);
         }
         let mut episode = OpenEpisode::default();
+        episode.drop_steps(std::mem::take(&mut self.n_dropped));
         if let Some(loss) = &self.loss {
-            let numbered = row.step.is_some();
-            if row.step.is_none_or(|step| step > 0) {
+            let numbered = meta.number.is_some();
+            if meta.number.is_none_or(|step| step > 0) {
                 episode.lose_the_beginning(loss);
             }
             if !numbered {

@@ -34,6 +34,20 @@ pub enum RecordingError {
         /// What is.
         supported: &'static str,
     },
+    /// A selector that does not fit the messages of its topic, or a schema that cannot be used.
+    #[error("topic {topic:?}: {what}")]
+    Plan {
+        /// The topic.
+        topic: String,
+        /// What is wrong, and what there is.
+        what: String,
+    },
+    /// More than one way to read it; the text holds the flags of each.
+    #[error("several readings are possible; say which:\n{0}")]
+    Ambiguous(String),
+    /// Messages of one topic carry different names: the reader begins again, knowing them all.
+    #[error("messages of one topic carry different names")]
+    OtherNames,
     /// `--on-damage fail`.
     #[error("is damaged: {0}")]
     Damaged(String),

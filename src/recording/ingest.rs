@@ -1,51 +1,79 @@
-//! What becomes of each record of a recording: definitions are kept, messages of the chosen topics decoded and fed to
-//! the episodes, all else counted or passed over.
+//! What becomes of each record of a recording: definitions are kept, messages of the chosen topics decoded and made
+//! steps, all else counted or passed over.
 
+use std::collections::BTreeMap;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use super::channels::Channels;
-use super::chunk::Inflater;
-use super::decode::{Decoder, Row, SUPPORTED};
+use super::decode::{self, PlanError, SUPPORTED};
 use super::episodes::{Common, Episodes};
 use super::error::RecordingError;
-use super::limits::Limits;
-use super::metadata::Names;
-use super::open_episode::Place;
+use super::layout::{Layout, NATIVE_TOPIC};
+use super::metadata::{self, Names};
+use super::options::{Clock, OnDamage, ReadOptions};
+use super::plan::{Plan, Use};
 use super::records::op;
+use super::scan::{Damage, Sink};
+use super::source::{ChannelReader, CompileError, SetsAt, Source};
+use super::step::{IdRef, Meta, Place, Step};
+use super::survey::Survey;
 use super::tally::Tally;
-use super::wire::{Channel, Chunk, Cursor, Message, Metadata, Schema, WireError};
+use super::timeline::{At, BEFORE_ALL_JOINTS, Output, Timeline};
+use super::wire::{Channel, Message, Metadata, Schema, WireError};
 
-/// Topic of the native convention.
-pub(crate) const NATIVE_TOPIC: &str = "/step";
-
-/// A topic that was chosen, and how its messages are read.
-struct Chosen {
-    channel_id: u16,
-    decoder: Decoder,
+/// What is done with the messages of one channel of the current file.
+enum Route {
+    Unwanted,
+    Wanted {
+        source: usize,
+        /// Made from the first message that can be read.
+        reader: Option<Box<ChannelReader>>,
+    },
 }
 
 /// The state of one recording while its records come in.
 pub(crate) struct Ingest {
-    pub(crate) channels: Channels,
+    options: ReadOptions,
+    files: Vec<PathBuf>,
+    /// The file that is being read.
+    at: usize,
+    channels: Channels,
+    routes: Vec<(u16, Route)>,
+    /// Encoding and messages of each topic, in the files before this one.
+    topics: BTreeMap<String, (String, u64)>,
+    survey: Option<Survey>,
+    pub(crate) plan: Option<Plan>,
     pub(crate) episodes: Episodes,
     pub(crate) tally: Tally,
     pub(crate) common: Common,
     pub(crate) n_messages: u64,
-    /// Encoding of the chosen topic, once one is seen.
-    pub(crate) encoding: Option<String>,
+    /// Encodings of the chosen topics.
+    pub(crate) encodings: Vec<String>,
     /// The first damage, as a sentence, and how many there were.
     pub(crate) damage: Option<(String, u64)>,
     names_known: bool,
-    chosen: Vec<Chosen>,
-    row: Row,
-    limits: Limits,
+    held: Vec<f64>,
 }
 
 impl Ingest {
-    pub(crate) fn new(recording: Arc<str>, limits: Limits) -> Self {
+    /// Begins, perhaps with what a survey of the whole recording found.
+    pub(crate) fn with_survey(
+        recording: Arc<str>,
+        files: Vec<PathBuf>,
+        options: &ReadOptions,
+        survey: Option<Survey>,
+    ) -> Self {
         Self {
+            options: options.clone(),
+            files,
+            at: 0,
             channels: Channels::default(),
-            episodes: Episodes::new(limits),
+            routes: Vec::new(),
+            topics: BTreeMap::new(),
+            survey,
+            plan: None,
+            episodes: Episodes::new(options.limits, None),
             tally: Tally::default(),
             common: Common {
                 recording,
@@ -53,143 +81,390 @@ impl Ingest {
                 joint_names: None,
             },
             n_messages: 0,
-            encoding: None,
+            encodings: Vec::new(),
             damage: None,
             names_known: false,
-            chosen: Vec::new(),
-            row: Row::default(),
-            limits,
+            held: Vec::new(),
         }
     }
 
-    /// Was the metadata record `recording` found, or looked for in vain?
-    pub(crate) fn names_known(&self) -> bool {
-        self.names_known
+    /// The next file of the recording begins: ids mean other things there.
+    pub(crate) fn next_file(&mut self) {
+        self.count_topics();
+        self.at += 1;
+        self.channels = Channels::default();
+        self.routes.clear();
     }
 
-    pub(crate) fn set_names(&mut self, names: Option<Names>) {
-        self.names_known = true;
-        if let Some(Names {
-            env_id,
-            joint_names,
-        }) = names
-        {
-            self.common.env_id = env_id;
-            self.common.joint_names = joint_names;
+    fn count_topics(&mut self) {
+        for (channel, n) in self.channels.counted() {
+            let (_, count) = self
+                .topics
+                .entry(channel.topic.clone())
+                .or_insert_with(|| (channel.encoding.clone(), 0));
+            *count += n;
         }
     }
 
-    /// Notes damage: it is counted under `cause`, described once by `what`, and steps may have been lost.
-    pub(crate) fn damaged(&mut self, cause: &str, what: &str, offset: u64) {
-        self.tally.note(cause, offset, 1);
-        let description = format!("{what} at offset {offset}");
-        self.episodes.lose(&description);
-        match &mut self.damage {
-            Some((_, n)) => *n += 1,
-            none => *none = Some((description, 1)),
+    fn set_names(&mut self, names: Names) {
+        self.common.env_id = names.env_id;
+        self.common.joint_names = names.joint_names;
+    }
+
+    /// Names may stand behind the messages; rows need them now.
+    fn find_names(&mut self) {
+        if std::mem::replace(&mut self.names_known, true) {
+            return;
+        }
+        let limits = &self.options.limits;
+        let found = self
+            .files
+            .iter()
+            .find_map(|file| metadata::find(file, limits).ok().flatten());
+        if let Some(names) = found {
+            self.set_names(names);
         }
     }
 
-    /// Takes one record of the outer loop that is not a chunk.
-    pub(crate) fn record(
-        &mut self,
-        opcode: u8,
-        body: &[u8],
-        offset: u64,
-    ) -> Result<(), RecordingError> {
-        let result = match opcode {
-            op::SCHEMA => Schema::parse(body).map(|schema| self.schema(schema, offset)),
-            op::CHANNEL => match Channel::parse(body) {
-                Ok(channel) => return self.channel(channel, offset),
-                Err(e) => Err(e),
-            },
-            op::MESSAGE => match Message::parse(body) {
-                Ok(message) => return self.message(&message, offset),
-                Err(e) => Err(e),
-            },
-            op::METADATA => Metadata::parse(body).map(|record| {
-                if !self.names_known
-                    && let Some(names) = Names::of(&record)
-                {
-                    self.set_names(Some(names));
-                }
-            }),
-            _ => Ok(()),
+    pub(crate) fn set_survey(&mut self, survey: Survey) {
+        self.survey = Some(survey);
+    }
+
+    /// What cannot be told from one message: read it all.
+    fn survey(&mut self) -> Result<&Survey, RecordingError> {
+        let survey = match self.survey.take() {
+            Some(survey) => survey,
+            None => Survey::of(&self.files, &self.options.limits)?,
         };
-        result.unwrap_or_else(|e: WireError| {
-            self.damaged(
-                "record that cannot be read",
-                &format!("{} record {e}", name(opcode)),
-                offset,
-            );
-        });
+        Ok(self.survey.insert(survey))
+    }
+
+    /// Decides which topics are read, now that a message of `topic` has come.
+    fn decide(&mut self, topic: &str) -> Result<(), RecordingError> {
+        if self.plan.is_some() {
+            return Ok(());
+        }
+        let options = self.options.clone();
+        let layout = match Layout::asked_for(&options) {
+            Some(layout) => layout,
+            None if topic == NATIVE_TOPIC => Layout::native(&options),
+            None => {
+                Layout::choose(self.survey()?, &options).map_err(|undecided| undecided.error)?
+            }
+        };
+        let plan = Plan::new(layout, &options);
+        self.episodes = Episodes::new(options.limits, plan.rule);
+        self.plan = Some(plan);
         Ok(())
     }
 
-    /// Takes a chunk; `is_whole` is false where the end of the file cut it.
-    pub(crate) fn chunk(
-        &mut self,
-        inflater: &mut Inflater,
-        body: &[u8],
-        offset: u64,
-        is_whole: bool,
-    ) -> Result<(), RecordingError> {
-        let chunk = match Chunk::parse(body) {
-            Ok(chunk) => chunk,
-            Err(e) => {
-                if is_whole {
-                    self.damaged(
-                        "chunk record that cannot be read",
-                        &format!("chunk {e}"),
-                        offset,
-                    );
+    /// The route of a channel; `None` if it is not wanted.
+    fn route(&mut self, id: u16) -> Result<Option<usize>, RecordingError> {
+        if let Some(index) = self.routes.iter().position(|(known, _)| *known == id) {
+            let is_wanted = matches!(self.routes[index].1, Route::Wanted { .. });
+            return Ok(is_wanted.then_some(index));
+        }
+        let Some(channel) = self.channels.channel(id).cloned() else {
+            return Ok(None);
+        };
+        self.decide(&channel.topic)?;
+        let source = self.plan.as_ref().and_then(|p| p.source_of(&channel.topic));
+        let route = match source {
+            None => Route::Unwanted,
+            Some(source) => {
+                if !self.encodings.contains(&channel.encoding) {
+                    self.encodings.push(channel.encoding.clone());
                 }
+                if self.common.env_id.is_none() {
+                    let env_id = channel.metadata.get("env_id");
+                    self.common.env_id = env_id.map(|s| Arc::from(s.as_str()));
+                }
+                Route::Wanted {
+                    source,
+                    reader: None,
+                }
+            }
+        };
+        self.routes.push((id, route));
+        Ok(source.map(|_| self.routes.len() - 1))
+    }
+
+    fn message(&mut self, message: &Message<'_>, offset: u64) -> Result<(), RecordingError> {
+        if !self.channels.count(message.channel_id) && !self.rescued(message.channel_id) {
+            self.tally
+                .note("message of a channel that is not defined", offset, 1);
+            return Ok(());
+        }
+        self.find_names();
+        let Some(route) = self.route(message.channel_id)? else {
+            return Ok(());
+        };
+        self.n_messages += 1;
+        self.compile(route, message)?;
+        self.read(route, message, offset)
+    }
+
+    /// Is the channel defined in the summary, the data having lost its definition?
+    fn rescued(&mut self, id: u16) -> bool {
+        self.damage.is_some()
+            && self
+                .channels
+                .rescue(&self.files[self.at], &self.options.limits)
+            && self.channels.count(id)
+    }
+
+    /// Makes what reads the channel of a route, if that is still to be done and this message shows how.
+    fn compile(&mut self, route: usize, message: &Message<'_>) -> Result<(), RecordingError> {
+        let (id, Route::Wanted { source, reader }) = &self.routes[route] else {
+            return Ok(());
+        };
+        let (id, source) = (*id, *source);
+        let Some(plan) = &self.plan else {
+            return Ok(());
+        };
+        if reader.is_some() || !plan.sources[source].is_decoded() {
+            return Ok(());
+        }
+        let Some(channel) = self.channels.channel(id).cloned() else {
+            return Ok(());
+        };
+        let schema = self.channels.schema(channel.schema_id).cloned();
+        let made = self.reader_of(source, &channel, schema.as_ref(), message.data)?;
+        if let (Some(made), (_, Route::Wanted { reader, .. })) = (made, &mut self.routes[route]) {
+            *reader = Some(Box::new(made));
+        }
+        Ok(())
+    }
+
+    /// `None` where this message cannot be read, and the next may.
+    fn reader_of(
+        &mut self,
+        source: usize,
+        channel: &Channel,
+        schema: Option<&Schema>,
+        data: &[u8],
+    ) -> Result<Option<ChannelReader>, RecordingError> {
+        let fail = |e: PlanError| match e {
+            PlanError::Encoding { encoding } => RecordingError::Encoding {
+                topic: channel.topic.clone(),
+                encoding,
+                supported: SUPPORTED,
+            },
+            e => RecordingError::Plan {
+                topic: channel.topic.clone(),
+                what: e.to_string(),
+            },
+        };
+        let example = match decode::example(channel, schema, data).map_err(CompileError::from) {
+            Ok(example) => example,
+            Err(CompileError::Message(_)) => return Ok(None),
+            Err(CompileError::Plan(e)) => return Err(fail(e)),
+        };
+        let Some(plan) = &mut self.plan else {
+            return Ok(None);
+        };
+        let topic = self.survey.as_ref().and_then(|s| s.topic(&channel.topic));
+        let sets_of = topic.map(|topic| |path: &[decode::Access]| topic.name_sets(path));
+        let sets = sets_of.as_ref().map(|f| f as SetsAt<'_>);
+        let made = match plan.sources[source].compile(channel, schema, &example, sets) {
+            Ok(made) => Some(made),
+            Err(CompileError::Message(_)) => None,
+            Err(CompileError::Plan(e)) => return Err(fail(e)),
+        };
+        plan.sources[source].fields = example.member_names();
+        if let Some(names) = plan.action_names() {
+            self.common.joint_names = Some(names);
+        }
+        Ok(made)
+    }
+
+    /// Reads one message of a wanted channel.
+    fn read(
+        &mut self,
+        route: usize,
+        message: &Message<'_>,
+        offset: u64,
+    ) -> Result<(), RecordingError> {
+        let (Some(plan), (_, Route::Wanted { source, reader })) =
+            (&mut self.plan, &mut self.routes[route])
+        else {
+            return Ok(());
+        };
+        let (index, source) = (*source, &mut plan.sources[*source]);
+        let result = match reader {
+            Some(reader) => {
+                let result = source.read(reader, message.data);
+                if source.has_other_names && self.survey.is_none() {
+                    return Err(RecordingError::OtherNames);
+                }
+                result
+            }
+            None => match self.channels.channel(message.channel_id) {
+                Some(channel) if source.is_decoded() => {
+                    let schema = self.channels.schema(channel.schema_id);
+                    Err(source.why_not(channel, schema, message.data))
+                }
+                _ => Ok(()),
+            },
+        };
+        let logged = match self.options.clock {
+            Clock::Log => i64::try_from(message.log_time).ok(),
+            Clock::Publish => i64::try_from(message.publish_time).ok(),
+            Clock::Header if result.is_ok() => source.row.stamp(),
+            Clock::Header => None,
+        };
+        let result = result.map_err(|e| e.to_string());
+        let place = Place {
+            offset,
+            time: logged,
+        };
+        if plan.timeline.is_none() {
+            return self.direct(index, place, result);
+        }
+        self.timed(index, place, result)
+    }
+
+    /// A message that is a whole step by itself.
+    fn direct(
+        &mut self,
+        source: usize,
+        place: Place,
+        result: Result<(), String>,
+    ) -> Result<(), RecordingError> {
+        let Some(plan) = &mut self.plan else {
+            return Ok(());
+        };
+        let source = &mut plan.sources[source];
+        let meta = Meta::of(&source.row);
+        if let Err(cause) = result {
+            self.episodes
+                .bad(meta, &cause, place, &self.common, &mut self.tally);
+            return Ok(());
+        }
+        let split = source.n_action_values();
+        let values = if source.holds {
+            if !hold(&mut self.held, &source.values) {
+                self.tally.refuse(BEFORE_ALL_JOINTS, place.offset);
+                self.episodes.drop_step();
                 return Ok(());
             }
+            &self.held
+        } else {
+            &source.values
         };
-        if !is_whole {
-            let records = inflater.inflate_cut(&chunk, self.limits.max_chunk);
-            return self.records_of_chunk(records, offset, false);
-        }
-        match inflater.inflate(&chunk, self.limits.max_chunk) {
-            Ok(records) => self.records_of_chunk(records, offset, true),
-            Err(e) => {
-                self.damaged(e.cause(), &e.to_string(), offset);
-                Ok(())
-            }
-        }
+        let (action, state) = values.split_at(split);
+        let step = Step {
+            action,
+            state,
+            meta,
+            place,
+        };
+        self.episodes.push(&step, &self.common, &mut self.tally)
     }
 
-    fn records_of_chunk(
+    /// A message that must be put in the order of time, and on the clock of the actions.
+    fn timed(
         &mut self,
-        records: &[u8],
-        offset: u64,
-        is_whole: bool,
+        index: usize,
+        place: Place,
+        result: Result<(), String>,
     ) -> Result<(), RecordingError> {
-        let mut cursor = Cursor::new(records);
-        while !cursor.rest().is_empty() {
-            let record = (|| {
-                let opcode = cursor.u8("opcode")?;
-                let length = cursor.u64("length")?;
-                Ok::<_, WireError>((opcode, cursor.bytes(length, "body")?))
-            })();
-            match record {
-                Ok((op::CHUNK, _)) => {
-                    self.damaged("chunk inside a chunk", "chunk inside the chunk", offset);
-                }
-                Ok((opcode, body)) => self.record(opcode, body, offset)?,
-                Err(_) if !is_whole => break,
-                Err(e) => {
-                    self.damaged(
-                        "chunk whose records do not fit it",
-                        &format!("a record {e} in the chunk"),
-                        offset,
-                    );
-                    break;
-                }
+        let Some(Plan {
+            sources,
+            timeline: Some(timeline),
+            may_hold_all,
+            ..
+        }) = &mut self.plan
+        else {
+            return Ok(());
+        };
+        let source = &mut sources[index];
+        let meta = Meta::of(&source.row);
+        let is_clock = source.uses.contains(&Use::Clock);
+        let result = result.and_then(|()| match place.time {
+            Some(_) => Ok(()),
+            None => Err("message without a time that can be used".to_owned()),
+        });
+        let at = At {
+            time: place.time.unwrap_or_else(|| timeline.newest()),
+            offset: place.offset,
+            counts: !is_clock,
+        };
+        if let Err(cause) = result {
+            if is_clock {
+                timeline.bad_action(meta, &cause, at);
+            } else {
+                self.tally.refuse(&cause, place.offset);
             }
+            return Ok(());
         }
-        Ok(())
+        if is_clock && *may_hold_all {
+            if meta.id == IdRef::None && !meta.has_end_flag {
+                timeline.hold_all(self.options.limits.max_episode);
+            }
+            *may_hold_all = false;
+        }
+        if !put(timeline, index, source, at) {
+            let cause = "state has another width than in its first message";
+            self.tally.refuse(cause, place.offset);
+        }
+        let mut out = Output {
+            episodes: &mut self.episodes,
+            common: &self.common,
+            tally: &mut self.tally,
+        };
+        timeline.settle(&mut out)
+    }
+
+    /// The recording is at its end: closes what is open.
+    pub(crate) fn finish(&mut self) -> Result<(), RecordingError> {
+        if let Some(Plan {
+            timeline: Some(timeline),
+            ..
+        }) = &mut self.plan
+        {
+            let mut out = Output {
+                episodes: &mut self.episodes,
+                common: &self.common,
+                tally: &mut self.tally,
+            };
+            timeline.finish(&mut out)?;
+        }
+        self.episodes.finish(&self.common, &mut self.tally);
+        self.count_topics();
+        self.require_topics()
+    }
+
+    /// Was there anything to read?
+    fn require_topics(&mut self) -> Result<(), RecordingError> {
+        if self.plan.is_none() && self.topics.contains_key(NATIVE_TOPIC) {
+            // Defined, and without a message.
+            self.decide(NATIVE_TOPIC)?;
+        }
+        let counts = &self.topics;
+        let n_of = |topic: &str| counts.get(topic).map_or(0, |(_, n)| *n);
+        let wanted = match &self.plan {
+            Some(plan) => match plan.topics_needed().find(|topic| n_of(topic) == 0) {
+                None => return Ok(()),
+                Some(topic) => format!("no message on topic {topic:?}"),
+            },
+            None => match Layout::asked_for(&self.options) {
+                Some(layout) => format!("no message on topic {:?}", layout.actions[0].topic()),
+                None => format!("no topic {NATIVE_TOPIC:?} with steps of an agent"),
+            },
+        };
+        let topics = counts
+            .iter()
+            .map(|(topic, (encoding, n))| (topic.as_str(), encoding.as_str(), *n))
+            .collect::<Vec<_>>();
+        let damage = self
+            .damage
+            .as_ref()
+            .map_or(String::new(), |(what, _)| format!("; {what}"));
+        Err(RecordingError::NothingToRead {
+            wanted,
+            found: super::survey::describe(topics.into_iter()) + &damage,
+        })
     }
 
     fn schema(&mut self, schema: Schema, offset: u64) {
@@ -198,92 +473,107 @@ impl Ingest {
         }
     }
 
-    fn channel(&mut self, channel: Channel, offset: u64) -> Result<(), RecordingError> {
-        let id = channel.id;
-        match self.channels.add_channel(channel) {
-            Ok(true) => self.choose(id),
-            Ok(false) => Ok(()),
-            Err(e) => {
-                self.tally.note(&e.what, offset, 1);
-                Ok(())
+    fn channel(&mut self, channel: Channel, offset: u64) {
+        if let Err(e) = self.channels.add_channel(channel) {
+            self.tally.note(&e.what, offset, 1);
+        }
+    }
+}
+
+/// Puts a message of a source on the timeline, for each of its uses; false if its values are not as wide as before.
+fn put(timeline: &mut Timeline, index: usize, source: &Source, mut at: At) -> bool {
+    let meta = Meta::of(&source.row);
+    let mut fits = true;
+    for used in &source.uses {
+        match used {
+            Use::Marker => timeline.marker(at),
+            Use::Done if source.row.ended => timeline.done(at),
+            Use::Done if at.counts => timeline.of_use(),
+            Use::Done => {}
+            Use::Id => timeline.id(meta.id, at),
+            Use::Held => fits = timeline.held(index, &source.values, &source.ends, at),
+            Use::Clock => {
+                if !timeline.action(meta, &source.values, &source.ends, at) {
+                    let cause = "action has another width than in its first message";
+                    timeline.bad_action(meta, cause, at);
+                }
             }
         }
+        // One message counts once, however many uses it has.
+        at.counts = false;
+    }
+    fits
+}
+
+/// Puts the values that are there over those that were; false while some never came.
+fn hold(held: &mut Vec<f64>, values: &[f64]) -> bool {
+    if held.len() != values.len() {
+        *held = vec![decode::ABSENT; values.len()];
+    }
+    for (held, &value) in held.iter_mut().zip(values) {
+        if !decode::is_absent(value) {
+            *held = value;
+        }
+    }
+    !held.iter().any(|&v| decode::is_absent(v))
+}
+
+impl Sink for Ingest {
+    fn record(&mut self, opcode: u8, body: &[u8], offset: u64) -> Result<(), RecordingError> {
+        let result = match opcode {
+            op::SCHEMA => Schema::parse(body).map(|schema| self.schema(schema, offset)),
+            op::CHANNEL => Channel::parse(body).map(|channel| self.channel(channel, offset)),
+            op::MESSAGE => match Message::parse(body) {
+                Ok(message) => return self.message(&message, offset),
+                Err(e) => Err(e),
+            },
+            op::METADATA => Metadata::parse(body).map(|record| {
+                if !self.names_known
+                    && let Some(names) = Names::of(&record)
+                {
+                    self.names_known = true;
+                    self.set_names(names);
+                }
+            }),
+            _ => Ok(()),
+        };
+        result.or_else(|e: WireError| {
+            self.damage(Damage {
+                cause: "record that cannot be read",
+                what: &format!("{} record {e}", name(opcode)),
+                offset,
+                loses_messages: true,
+            })
+        })
     }
 
-    /// Decides whether a new channel is one whose messages are wanted.
-    fn choose(&mut self, id: u16) -> Result<(), RecordingError> {
-        let Some(channel) = self
-            .channels
-            .channel(id)
-            .filter(|c| c.topic == NATIVE_TOPIC)
-        else {
-            return Ok(());
-        };
-        let Some(decoder) = Decoder::native(&channel.encoding) else {
-            return Err(RecordingError::Encoding {
-                topic: channel.topic.clone(),
-                encoding: channel.encoding.clone(),
-                supported: SUPPORTED,
-            });
-        };
-        self.encoding
-            .get_or_insert_with(|| channel.encoding.clone());
-        if self.common.env_id.is_none() {
-            self.common.env_id = channel
-                .metadata
-                .get("env_id")
-                .map(|s| Arc::from(s.as_str()));
-        }
-        self.chosen.push(Chosen {
-            channel_id: id,
-            decoder,
-        });
-        Ok(())
-    }
-
-    fn message(&mut self, message: &Message<'_>, offset: u64) -> Result<(), RecordingError> {
-        if !self.channels.count(message.channel_id) {
-            self.tally
-                .note("message of a channel that is not defined", offset, 1);
-            return Ok(());
-        }
-        let Some(chosen) = self
-            .chosen
-            .iter()
-            .find(|c| c.channel_id == message.channel_id)
-        else {
-            return Ok(());
-        };
-        self.n_messages += 1;
-        let place = Place {
+    /// Notes damage: it is counted by cause, described once, and steps may have been lost.
+    fn damage(&mut self, damage: Damage<'_>) -> Result<(), RecordingError> {
+        let Damage {
+            cause,
+            what,
             offset,
-            time: i64::try_from(message.log_time).ok(),
-        };
-        match chosen.decoder.decode(message.data, &mut self.row) {
-            Ok(()) => self
-                .episodes
-                .push(&self.row, place, &self.common, &mut self.tally),
-            Err(e) => {
-                self.episodes.bad(
-                    &self.row,
-                    &e.to_string(),
-                    place,
-                    &self.common,
-                    &mut self.tally,
-                );
-                Ok(())
+            loses_messages,
+        } = damage;
+        self.tally.note(cause, offset, 1);
+        let description = format!("{what} at offset {offset}");
+        if self.options.on_damage == OnDamage::Fail {
+            return Err(RecordingError::Damaged(description));
+        }
+        if loses_messages {
+            match &mut self.plan {
+                Some(Plan {
+                    timeline: Some(timeline),
+                    ..
+                }) => timeline.loss(&description, offset),
+                _ => self.episodes.lose(&description),
             }
         }
-    }
-
-    /// The recording is at its end: closes what is open.
-    pub(crate) fn finish(&mut self) {
-        self.episodes.finish(&self.common, &mut self.tally);
-    }
-
-    /// Was a topic found to read?
-    pub(crate) fn has_chosen(&self) -> bool {
-        !self.chosen.is_empty()
+        match &mut self.damage {
+            Some((_, n)) => *n += 1,
+            none => *none = Some((description, 1)),
+        }
+        Ok(())
     }
 }
 

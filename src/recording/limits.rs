@@ -1,5 +1,5 @@
 //! Bounds on what a file may make us allocate, checked before every allocation. All have a command line flag but the
-//! last two.
+//! last three.
 
 /// Largest record that is looked into, bytes (`--max-record`).
 pub const DEFAULT_MAX_RECORD: u64 = 256 << 20;
@@ -15,6 +15,9 @@ pub const DEFAULT_MAX_OPEN_EPISODES: usize = 64;
 
 /// Most values in the action or the state of one step.
 pub const MAX_VECTOR_WIDTH: usize = 1 << 20;
+
+/// Values of one recording that are held back to put messages in the order of time, bytes.
+pub(crate) const REORDER_BYTES: u64 = 32 << 20;
 
 /// Deepest nesting of a message that is walked; `serde_json` has the same limit built in.
 pub const MAX_DEPTH: usize = 128;

@@ -4,10 +4,12 @@
 //! record, so that a file without an index gives the same names.
 
 use std::fs::File;
-use std::io::{self, BufReader, Read};
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
+use std::path::Path;
 use std::sync::Arc;
 
 use super::limits::Limits;
+use super::open;
 use super::records::{MAGIC, Next, RecordSource, op};
 use super::wire::Metadata;
 
@@ -37,8 +39,22 @@ fn names(json: &str) -> Option<Arc<[Arc<str>]>> {
     Some(names.into_iter().map(Arc::from).collect())
 }
 
+/// The metadata record `recording`, wherever it stands in the file.
+pub(crate) fn find(path: &Path, limits: &Limits) -> io::Result<Option<Names>> {
+    let mut file = File::open(path)?;
+    if open::is_compressed(path) {
+        let mut reader = zstd::stream::read::Decoder::new(file)?;
+        reader.read_exact(&mut [0; MAGIC.len()])?;
+        find_in_stream(reader, limits)
+    } else {
+        let len = file.seek(SeekFrom::End(0))?;
+        file.rewind()?;
+        find_in_file(file, len, limits)
+    }
+}
+
 /// Hops over the records of a file for the metadata record `recording`.
-pub(crate) fn find_in_file(file: File, len: u64, limits: &Limits) -> io::Result<Option<Names>> {
+fn find_in_file(file: File, len: u64, limits: &Limits) -> io::Result<Option<Names>> {
     let mut reader = BufReader::new(file);
     let mut offset = MAGIC.len() as u64;
     reader.read_exact(&mut [0; MAGIC.len()])?;
@@ -70,7 +86,7 @@ pub(crate) fn find_in_file(file: File, len: u64, limits: &Limits) -> io::Result<
 }
 
 /// The same over a stream that cannot hop, standing behind the magic.
-pub(crate) fn find_in_stream(reader: impl Read, limits: &Limits) -> io::Result<Option<Names>> {
+fn find_in_stream(reader: impl Read, limits: &Limits) -> io::Result<Option<Names>> {
     let mut source = RecordSource::new(reader, None, limits);
     let mut body = Vec::new();
     loop {

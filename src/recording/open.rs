@@ -6,7 +6,6 @@ use std::path::Path;
 
 use super::error::RecordingError;
 use super::limits::Limits;
-use super::metadata::{self, Names};
 use super::records::{MAGIC, RecordSource};
 use super::sniff;
 
@@ -21,7 +20,6 @@ pub(crate) struct Opened {
     pub(crate) stream: Stream,
     /// Size of the file at opening.
     pub(crate) bytes: u64,
-    is_compressed: bool,
 }
 
 /// Opens `path`, which may be compressed as a whole (`.mcap.zst`).
@@ -51,34 +49,7 @@ pub(crate) fn open(path: &Path, limits: &Limits) -> Result<Opened, RecordingErro
     let rest: Box<dyn Read + Send> =
         Box::new(io::Cursor::new(head[MAGIC.len()..].to_vec()).chain(reader));
     let stream = RecordSource::new(rest, (!is_compressed).then_some(bytes), limits);
-    Ok(Opened {
-        stream,
-        bytes,
-        is_compressed,
-    })
-}
-
-impl Opened {
-    /// The metadata record `recording`, wherever it stands in the file.
-    pub(crate) fn find_names(
-        path: &Path,
-        bytes: u64,
-        is_compressed: bool,
-        limits: &Limits,
-    ) -> io::Result<Option<Names>> {
-        let file = File::open(path)?;
-        if is_compressed {
-            let mut reader = zstd::stream::read::Decoder::new(file)?;
-            reader.read_exact(&mut [0; MAGIC.len()])?;
-            metadata::find_in_stream(reader, limits)
-        } else {
-            metadata::find_in_file(file, bytes, limits)
-        }
-    }
-
-    pub(crate) fn is_compressed(&self) -> bool {
-        self.is_compressed
-    }
+    Ok(Opened { stream, bytes })
 }
 
 /// Is this the name of a recording that is compressed as a whole?

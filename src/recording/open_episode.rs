@@ -1,19 +1,10 @@
 //! One episode while it grows, and what is used of it once it closes: everything up to its first bad step.
 
 use super::columns::ColumnsBuilder;
-use super::decode::Row;
 use super::episodes::Common;
+use super::step::Step;
 use super::tally::Tally;
 use crate::model::{Columns, Episode, EpisodeKey, Incomplete};
-
-/// Where and when a message stood.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Place {
-    /// Bytes from the beginning of the file; inside a chunk, of the chunk.
-    pub(crate) offset: u64,
-    /// Nanoseconds since the Unix epoch, if the clock has them.
-    pub(crate) time: Option<i64>,
-}
 
 /// The steps of one episode in the order in which they came.
 #[derive(Debug, Default)]
@@ -70,13 +61,14 @@ impl OpenEpisode {
     }
 
     /// Adds one step; refuses it where a bad one came before.
-    pub(crate) fn push(&mut self, row: &Row, place: Place, tally: &mut Tally) {
+    pub(crate) fn push(&mut self, step: &Step<'_>, tally: &mut Tally) {
+        let place = step.place;
         if self.stopped.is_some() {
             self.n_dropped += 1;
             tally.refuse(AFTER_BAD, place.offset);
             return;
         }
-        let (action, state) = (row.action.len(), row.state.len());
+        let (action, state) = (step.action.len(), step.state.len());
         if let Some((a, s)) = &self.columns {
             let numbered = self.is_numbered();
             let problem = if a.width() != action {
@@ -89,7 +81,7 @@ impl OpenEpisode {
                     "state has another width than in the episode's first step ({state}, not {})",
                     s.width()
                 ))
-            } else if numbered != row.step.is_some() {
+            } else if numbered != step.meta.number.is_some() {
                 Some(
                     "step number is missing where others have one, or the other way round"
                         .to_owned(),
@@ -100,29 +92,29 @@ impl OpenEpisode {
             if let Some(reason) = problem {
                 let cause = reason.split(" (").next().unwrap_or(&reason);
                 tally.refuse(cause, place.offset);
-                self.bad_step(row.step, &reason);
+                self.bad_step(step.meta.number, &reason);
                 return;
             }
         }
         let (actions, states) = self
             .columns
             .get_or_insert_with(|| (ColumnsBuilder::new(action), ColumnsBuilder::new(state)));
-        actions.push(&row.action);
-        states.push(&row.state);
-        if let Some(step) = row.step {
+        actions.push(step.action);
+        states.push(step.state);
+        if let Some(number) = step.meta.number {
             if self.suspect.is_some()
                 && self
                     .steps
                     .last()
-                    .is_some_and(|&last| last.checked_add(1) == Some(step))
+                    .is_some_and(|&last| last.checked_add(1) == Some(number))
             {
                 self.suspect = None;
             }
-            self.steps.push(step);
+            self.steps.push(number);
         }
         self.has_times |= place.time.is_some();
         self.times.push(place.time.unwrap_or(0));
-        self.rewards.push(row.reward.unwrap_or(f64::NAN));
+        self.rewards.push(step.meta.reward.unwrap_or(f64::NAN));
         self.offsets.push(place.offset);
     }
 
@@ -137,6 +129,11 @@ impl OpenEpisode {
             }
             _ => self.lose_a_step_of_ours(reason),
         }
+    }
+
+    /// Steps were read for it that are not used.
+    pub(crate) fn drop_steps(&mut self, n: u64) {
+        self.n_dropped += n;
     }
 
     /// A step that is probably ours came and cannot be read at all.

@@ -3,34 +3,30 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::chunk::Inflater;
 use super::error::RecordingError;
-use super::ingest::{Ingest, NATIVE_TOPIC};
-use super::limits::Limits;
-use super::open::{self, Opened, Stream};
-use super::records::{Next, op};
-use crate::model::{Episode, RecordingRow, RecordingStatus};
-
-/// How recordings are read.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct ReadOptions {
-    /// Bounds on memory.
-    pub limits: Limits,
-}
+use super::ingest::Ingest;
+use super::layout;
+use super::options::{OnDamage, ReadOptions};
+use super::plan::Plan;
+use super::scan::{Damage, Scanner, Sink};
+use super::survey::Survey;
+use crate::model::{Cause, Episode, RecordingRow, RecordingStatus};
 
 /// One recording, read from front to back.
 ///
 /// Pull [`read`](Self::read) until [`is_done`](Self::is_done), then take the [`row`](Self::into_row).
 pub struct RecordingReader {
-    path: PathBuf,
-    bytes: u64,
-    is_compressed: bool,
-    stream: Stream,
-    inflater: Inflater,
-    body: Vec<u8>,
+    files: Vec<PathBuf>,
+    /// The file that is being read.
+    at: usize,
+    scanner: Scanner,
     ingest: Ingest,
-    limits: Limits,
-    in_summary: bool,
+    options: ReadOptions,
+    /// Bytes of all files.
+    bytes: u64,
+    /// Bytes of the files that are done.
+    bytes_before: u64,
+    checked: bool,
     done: bool,
 }
 
@@ -44,29 +40,45 @@ impl RecordingReader {
         name: Arc<str>,
         options: &ReadOptions,
     ) -> Result<Self, RecordingError> {
-        let opened = open::open(path, &options.limits)?;
+        Self::open_split(vec![path.to_owned()], name, options)
+    }
+
+    /// Opens files that are one recording, in their order; at least one.
+    ///
+    /// # Errors
+    /// If there is none, or the first cannot be opened.
+    pub fn open_split(
+        files: Vec<PathBuf>,
+        name: Arc<str>,
+        options: &ReadOptions,
+    ) -> Result<Self, RecordingError> {
+        let (ingest, at, scanner) = begin(name, &files, options, None)?;
+        let bytes = files
+            .iter()
+            .filter_map(|f| std::fs::metadata(f).ok())
+            .map(|m| m.len())
+            .sum();
         Ok(Self {
-            path: path.to_owned(),
-            bytes: opened.bytes,
-            is_compressed: opened.is_compressed(),
-            stream: opened.stream,
-            inflater: Inflater::default(),
-            body: Vec::new(),
-            ingest: Ingest::new(name, options.limits),
-            limits: options.limits,
-            in_summary: false,
+            ingest,
+            files,
+            at,
+            scanner,
+            options: options.clone(),
+            bytes,
+            bytes_before: 0,
+            checked: false,
             done: false,
         })
     }
 
-    /// Size of the file at opening, bytes.
+    /// Size of its files at opening, bytes.
     pub fn bytes(&self) -> u64 {
         self.bytes
     }
 
     /// Bytes of the recording read so far (inflated bytes of a `.mcap.zst`).
     pub fn position(&self) -> u64 {
-        self.stream.offset()
+        self.bytes_before + self.scanner.position()
     }
 
     /// Is there nothing more to read?
@@ -80,6 +92,10 @@ impl RecordingReader {
     /// If the file cannot be read on, nothing in it can be used, or one episode is beyond the limit. Episodes given
     /// out before stand.
     pub fn read(&mut self, budget: u64) -> Result<Vec<Episode>, RecordingError> {
+        if self.options.on_damage == OnDamage::Fail && !std::mem::replace(&mut self.checked, true) {
+            // Episodes that are given out stand: all must be known to be whole before the first.
+            check(&self.files, &self.options)?;
+        }
         let mut episodes = Vec::new();
         let mut bytes = 0;
         while !self.done && bytes < budget {
@@ -94,184 +110,109 @@ impl RecordingReader {
         Ok(episodes)
     }
 
-    /// Takes the next record of the outer loop.
     fn step(&mut self) -> Result<(), RecordingError> {
-        let in_summary = self.in_summary;
-        let wanted = |opcode| {
-            !in_summary
-                && matches!(
-                    opcode,
-                    op::SCHEMA
-                        | op::CHANNEL
-                        | op::MESSAGE
-                        | op::CHUNK
-                        | op::METADATA
-                        | op::DATA_END
-                )
-        };
-        match self.stream.next(wanted, &mut self.body)? {
-            Next::Record { .. } if in_summary => {}
-            Next::Record {
-                opcode: op::DATA_END,
-                offset,
-            } => self.data_end(offset),
-            Next::Record { opcode, offset } => self.record(opcode, offset, true)?,
-            Next::TooLarge {
-                opcode,
-                offset,
-                declared,
-            } => self.too_large(opcode, offset, declared),
-            Next::Cut {
-                opcode,
-                offset,
-                declared,
-                available,
-            } => {
-                if !in_summary && wanted(opcode) && opcode == op::CHUNK {
-                    self.record(opcode, offset, false)?;
-                }
-                let what = format!(
-                    "the file is cut: its last record declares {declared} bytes, and {available} are left"
-                );
-                self.ingest.damaged("file is cut", &what, offset);
-                self.end()?;
+        if !self.scanner.is_done() {
+            match self.scanner.step(&mut self.ingest) {
+                Err(RecordingError::OtherNames) => return self.begin_again(),
+                result => result?,
             }
-            Next::ClosingMagic { junk: 0 } => self.end()?,
-            Next::ClosingMagic { junk } => {
-                let at = self.stream.offset() - junk;
-                self.end()?;
-                self.ingest.damaged(
-                    "bytes after the end of the file",
-                    &format!("{junk} bytes follow the closing magic"),
-                    at,
-                );
-            }
-            Next::End { offset, tail } => {
-                self.ingest.damaged(
-                    "file is cut",
-                    &format!("the file is cut: no closing magic ({tail} bytes are no record)"),
-                    offset,
-                );
-                self.end()?;
-            }
+        }
+        while self.scanner.is_done() && !self.done {
+            self.next_file()?;
         }
         Ok(())
     }
 
-    fn record(&mut self, opcode: u8, offset: u64, is_whole: bool) -> Result<(), RecordingError> {
-        if matches!(opcode, op::CHUNK | op::MESSAGE) && !self.ingest.names_known() {
-            // Names may stand behind the messages; rows need them now.
-            let names =
-                Opened::find_names(&self.path, self.bytes, self.is_compressed, &self.limits)
-                    .unwrap_or_default();
-            self.ingest.set_names(names);
-        }
-        if opcode == op::CHUNK {
-            self.ingest
-                .chunk(&mut self.inflater, &self.body, offset, is_whole)
-        } else {
-            self.ingest.record(opcode, &self.body, offset)
-        }
-    }
-
-    fn too_large(&mut self, opcode: u8, offset: u64, declared: u64) {
-        let what = format!(
-            "record with opcode {opcode:#04x} of {declared} bytes is beyond the limit of {} (--max-record)",
-            self.limits.max_record
-        );
-        self.ingest
-            .damaged("record beyond --max-record", &what, offset);
-    }
-
-    /// The data section ends here; what follows is the summary.
-    fn data_end(&mut self, offset: u64) {
-        self.in_summary = true;
-        let declared = self
-            .body
-            .first_chunk::<4>()
-            .map_or(0, |bytes| u32::from_le_bytes(*bytes));
-        if declared != 0 {
-            let found = self.stream.crc_before_last();
-            if found != declared {
-                let what =
-                    format!("data section CRC is {found:08x} where {declared:08x} is declared");
-                self.ingest
-                    .damaged("data section CRC does not match", &what, offset);
-            }
-        }
-    }
-
-    fn end(&mut self) -> Result<(), RecordingError> {
-        self.done = true;
-        self.ingest.finish();
-        if self.ingest.has_chosen() {
+    /// Joints are named otherwise than the first message let expect: reads all names, and starts over.
+    fn begin_again(&mut self) -> Result<(), RecordingError> {
+        let survey = Survey::of(&self.files, &self.options.limits)?;
+        if self.ingest.episodes.n_given() > 0 {
+            // What is given out stands: messages that lack a joint are refused from here on.
+            self.ingest.set_survey(survey);
             return Ok(());
         }
-        let wanted = format!("no topic {NATIVE_TOPIC:?} with steps of an agent");
-        let found = self.ingest.channels.describe();
-        let damage = self
-            .ingest
-            .damage
-            .as_ref()
-            .map_or(String::new(), |(what, _)| format!("; {what}"));
-        Err(RecordingError::NothingToRead {
-            wanted,
-            found: found + &damage,
-        })
+        let name = Arc::clone(&self.ingest.common.recording);
+        let (ingest, at, scanner) = begin(name, &self.files, &self.options, Some(survey))?;
+        (self.ingest, self.at, self.scanner) = (ingest, at, scanner);
+        self.bytes_before = 0;
+        Ok(())
+    }
+
+    /// Goes on with the next file of a split recording, or ends.
+    fn next_file(&mut self) -> Result<(), RecordingError> {
+        self.at += 1;
+        let Some(file) = self.files.get(self.at) else {
+            self.done = true;
+            return self.ingest.finish();
+        };
+        self.bytes_before += self.scanner.bytes();
+        self.ingest.next_file();
+        match Scanner::open(file, &self.options.limits) {
+            Ok(scanner) => {
+                self.scanner = scanner;
+                Ok(())
+            }
+            Err(e) => file_is_missing(&mut self.ingest, file, &e),
+        }
     }
 
     /// The row of the `recordings` table; `error` if reading ended with one.
     pub fn into_row(self, error: Option<&str>) -> RecordingRow {
+        let options = self.options;
         let Ingest {
             episodes,
             tally,
             common,
             n_messages,
-            encoding,
+            encodings,
             damage,
+            plan,
             ..
         } = self.ingest;
         let n_episodes = episodes.n_given();
-        let damage = damage.map(|(what, n)| {
-            if n > 1 {
-                format!("{what}, and {} more", n - 1)
-            } else {
-                what
-            }
+        let causes = tally.causes();
+        let damage = damage.map(|(what, n)| match n {
+            1 => what,
+            n => format!("{what}, and {} more", n - 1),
         });
         let (status, reason) = match (error, damage) {
             (Some(e), _) if n_episodes == 0 => (RecordingStatus::Failed, Some(e.to_owned())),
             (Some(e), _) => (RecordingStatus::Recovered, Some(e.to_owned())),
             (None, damage) if n_episodes == 0 => {
-                let why = damage
-                    .or_else(|| tally.causes().first().map(|c| c.cause.clone()))
-                    .unwrap_or_else(|| "it holds no message".to_owned());
-                (
-                    RecordingStatus::Failed,
-                    Some(format!("no episode came out: {why}")),
-                )
+                let why = why_nothing(damage, &causes, plan.as_ref());
+                (RecordingStatus::Failed, Some(why))
             }
             (None, Some(damage)) => (RecordingStatus::Recovered, Some(damage)),
             (None, None) => (RecordingStatus::Ok, None),
         };
         // What an error left unused belongs to the refused: used + refused is the number of messages, always.
-        let n_messages_used = episodes.n_used();
+        let n_held = plan.as_ref().map_or(0, Plan::n_held_used);
+        let n_messages_used = (episodes.n_used() + n_held).min(n_messages);
+        let of_plan = |f: &dyn Fn(&Plan) -> Option<String>| {
+            plan.as_ref().filter(|_| n_messages > 0).and_then(f)
+        };
         RecordingRow {
             recording: common.recording,
             bytes: self.bytes,
             status,
             reason,
             env_id: common.env_id,
-            action_selector: encoding.as_ref().map(|_| format!("{NATIVE_TOPIC}:action")),
-            state_selector: encoding.as_ref().map(|_| format!("{NATIVE_TOPIC}:state")),
-            encoding,
-            episode_rule: episodes.rule().map(|rule| rule.describe().to_owned()),
-            clock: Some("log".to_owned()),
-            align: Some("before".to_owned()),
+            encoding: (!encodings.is_empty()).then(|| encodings.join(", ")),
+            action_selector: of_plan(&|p| Some(layout::listing(&p.layout.actions))),
+            state_selector: of_plan(&|p| Some(layout::listing(&p.layout.states))),
+            episode_rule: of_plan(&|p| p.describe_rule(&options.episodes, episodes.rule())),
+            clock: Some(options.clock.as_str().to_owned()),
+            align: Some(options.align.as_str().to_owned()),
+            chosen: of_plan(&|p| {
+                p.layout
+                    .why
+                    .as_ref()
+                    .map(|why| format!("{} ({why})", p.layout.flags()))
+            }),
             n_messages,
             n_messages_used,
             n_messages_refused: n_messages - n_messages_used,
-            causes: tally.causes(),
+            causes,
             n_episodes,
         }
     }
@@ -290,6 +231,7 @@ impl RecordingReader {
             episode_rule: None,
             clock: None,
             align: None,
+            chosen: None,
             n_messages: 0,
             n_messages_used: 0,
             n_messages_refused: 0,
@@ -297,4 +239,87 @@ impl RecordingReader {
             n_episodes: 0,
         }
     }
+}
+
+/// Opens the first file that is there.
+fn begin(
+    name: Arc<str>,
+    files: &[PathBuf],
+    options: &ReadOptions,
+    survey: Option<Survey>,
+) -> Result<(Ingest, usize, Scanner), RecordingError> {
+    let mut ingest = Ingest::with_survey(name, files.to_vec(), options, survey);
+    let mut first_error = None;
+    for (at, file) in files.iter().enumerate() {
+        match Scanner::open(file, &options.limits) {
+            Ok(scanner) => return Ok((ingest, at, scanner)),
+            Err(e) => {
+                if files.len() > 1 {
+                    file_is_missing(&mut ingest, file, &e)?;
+                    ingest.next_file();
+                }
+                first_error.get_or_insert(e);
+            }
+        }
+    }
+    Err(first_error.unwrap_or(RecordingError::NotAFile("nothing")))
+}
+
+/// A file of a split recording is not there, or is none.
+fn file_is_missing(
+    ingest: &mut Ingest,
+    file: &Path,
+    e: &RecordingError,
+) -> Result<(), RecordingError> {
+    let name = file.file_name().unwrap_or_default().to_string_lossy();
+    ingest.damage(Damage {
+        cause: "file of a split recording cannot be read",
+        what: &format!("its file {name:?} {e}"),
+        offset: 0,
+        loses_messages: true,
+    })
+}
+
+/// Why no episode came out.
+fn why_nothing(damage: Option<String>, causes: &[Cause], plan: Option<&Plan>) -> String {
+    let mut why = damage
+        .or_else(|| causes.first().map(|c| c.cause.clone()))
+        .unwrap_or_else(|| "it holds no message".to_owned());
+    if why.contains("is missing") {
+        why += &plan.map(known_fields).unwrap_or_default();
+    }
+    format!("no episode came out: {why}")
+}
+
+/// The members that messages of the clock have, for an error that misses one.
+fn known_fields(plan: &Plan) -> String {
+    plan.sources
+        .first()
+        .filter(|s| !s.fields.is_empty())
+        .map_or(String::new(), |s| {
+            format!(" (fields of {}: {})", s.topic, s.fields.join(", "))
+        })
+}
+
+/// Reads all files for damage alone.
+fn check(files: &[PathBuf], options: &ReadOptions) -> Result<(), RecordingError> {
+    struct Checker;
+    impl Sink for Checker {
+        fn record(&mut self, _: u8, _: &[u8], _: u64) -> Result<(), RecordingError> {
+            Ok(())
+        }
+        fn damage(&mut self, damage: Damage<'_>) -> Result<(), RecordingError> {
+            Err(RecordingError::Damaged(format!(
+                "{} at offset {}",
+                damage.what, damage.offset
+            )))
+        }
+    }
+    for file in files {
+        let mut scanner = Scanner::open(file, &options.limits)?;
+        while !scanner.is_done() {
+            scanner.step(&mut Checker)?;
+        }
+    }
+    Ok(())
 }

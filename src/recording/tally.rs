@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::timeline::{BEFORE_FIRST_MARKER, BEFORE_FIRST_STATE};
 use crate::model::Cause;
 
 /// Causes and their counts. Few causes, however many messages.
@@ -10,6 +11,9 @@ pub(crate) struct Tally {
     /// Count and first offset.
     causes: BTreeMap<String, (u64, u64)>,
 }
+
+/// Causes that are no loss.
+const EXPECTED: [&str; 2] = [BEFORE_FIRST_STATE, BEFORE_FIRST_MARKER];
 
 /// Most different causes that are kept apart; a hostile file could make one per message.
 const MAX_CAUSES: usize = 64;
@@ -54,6 +58,7 @@ impl Tally {
                 cause: cause.clone(),
                 count,
                 first_offset,
+                expected: EXPECTED.contains(&cause.as_str()),
             })
             .collect();
         causes.sort_by_key(|c| c.first_offset);

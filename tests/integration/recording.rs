@@ -324,6 +324,7 @@ fn more_open_episodes_than_the_limit_close_the_stalest() {
             max_open_episodes: 2,
             ..Limits::default()
         },
+        ..ReadOptions::default()
     };
     let (episodes, row) = read_with(&b.finish(), &options);
     assert_eq!((episodes.len(), row.n_messages_refused), (5, 1));
@@ -338,6 +339,7 @@ fn an_episode_beyond_its_limit_is_a_clear_error() {
             max_episode: 2_000,
             ..Limits::default()
         },
+        ..ReadOptions::default()
     };
     let (_, row) = read_with(&b.finish(), &options);
     assert_eq!(row.status, RecordingStatus::Failed);

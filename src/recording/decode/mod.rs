@@ -1,145 +1,35 @@
 //! One message's payload to one [`Row`]: a plan says which fields are wanted, one file per encoding walks the bytes.
 //!
-//! No decoder builds a tree of values, and none allocates per message once its row's buffers have grown.
+//! ```text
+//! selectors ──> Wanted ──> Node (plan.rs) ──compile──> Decoder ──decode──> Row
+//!                          a tree of names   once a channel      a message
+//! ```
+//!
+//! Encodings with a schema (protobuf, ROS) compile the tree against it; the others walk it as it is. No decoder builds
+//! a tree of values, and none allocates per message once its row's buffers have grown.
 
+mod cbor;
+#[cfg(feature = "flatbuffer")]
+mod flatbuffer;
 mod json;
+mod msgpack;
+mod plan;
+mod protobuf;
+mod ros;
+mod row;
+#[cfg(test)]
+mod test_support;
+mod tree;
+mod value;
+mod walk_error;
 
 use thiserror::Error;
 
-/// What the wanted field of a message becomes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Field {
-    /// Numeric leaves, appended to the action of the step.
-    Action,
-    /// Numeric leaves, appended to the state of the step.
-    State,
-    /// The episode's id; of several such fields the lowest rank counts.
-    Episode { rank: u8 },
-    /// The number of the step.
-    Step,
-    /// The reward.
-    Reward,
-    /// True on the last step of an episode.
-    EndFlag,
-}
+pub(crate) use plan::{Access, Field, Node, Wanted};
+pub(crate) use row::{ABSENT, Names, Row, RowId, is_absent};
+pub(crate) use value::Value;
 
-/// Which fields of a message are wanted, as a tree of names.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub(crate) struct Plan {
-    pub(crate) field: Option<Field>,
-    pub(crate) names: Vec<(String, Plan)>,
-}
-
-impl Plan {
-    /// The fields of the native convention, and the names that simulators give the same things.
-    pub(crate) fn native() -> Self {
-        let leaf = |field| Self {
-            field: Some(field),
-            names: Vec::new(),
-        };
-        let names = [
-            ("episode", Field::Episode { rank: 0 }),
-            ("episode_id", Field::Episode { rank: 1 }),
-            ("episode_index", Field::Episode { rank: 2 }),
-            ("step", Field::Step),
-            ("action", Field::Action),
-            ("state", Field::State),
-            ("reward", Field::Reward),
-            ("terminated", Field::EndFlag),
-            ("truncated", Field::EndFlag),
-            ("done", Field::EndFlag),
-        ];
-        Self {
-            field: None,
-            names: names
-                .into_iter()
-                .map(|(name, field)| (name.to_owned(), leaf(field)))
-                .collect(),
-        }
-    }
-}
-
-/// The episode a message says it belongs to; text stands in [`Row::id_text`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(crate) enum RowId {
-    #[default]
-    None,
-    Integer(i64),
-    Text,
-}
-
-/// The values of one message. A decoder that fails leaves what it had read by then.
-#[derive(Debug, Default)]
-#[expect(
-    clippy::struct_excessive_bools,
-    reason = "each says whether one field was there"
-)]
-pub(crate) struct Row {
-    pub(crate) action: Vec<f64>,
-    pub(crate) state: Vec<f64>,
-    pub(crate) id: RowId,
-    pub(crate) id_text: String,
-    id_rank: u8,
-    pub(crate) step: Option<i64>,
-    pub(crate) reward: Option<f64>,
-    /// Any of the end flags was true.
-    pub(crate) ended: bool,
-    /// Any of the end flags was there.
-    pub(crate) has_end_flag: bool,
-    has_action: bool,
-    has_state: bool,
-}
-
-impl Row {
-    fn clear(&mut self) {
-        self.action.clear();
-        self.state.clear();
-        self.id = RowId::None;
-        self.id_text.clear();
-        self.step = None;
-        self.reward = None;
-        self.ended = false;
-        self.has_end_flag = false;
-        self.has_action = false;
-        self.has_state = false;
-    }
-
-    fn set_id_integer(&mut self, rank: u8, id: i64) {
-        if self.id == RowId::None || rank < self.id_rank {
-            (self.id, self.id_rank) = (RowId::Integer(id), rank);
-        }
-    }
-
-    fn set_id_text(&mut self, rank: u8, id: &str) {
-        if self.id == RowId::None || rank < self.id_rank {
-            (self.id, self.id_rank) = (RowId::Text, rank);
-            self.id_text.clear();
-            self.id_text.push_str(id);
-        }
-    }
-
-    /// Holds the row against what a step must have.
-    fn check(&self) -> Result<(), DecodeError> {
-        for (has, values, name) in [
-            (self.has_action, &self.action, "action"),
-            (self.has_state, &self.state, "state"),
-        ] {
-            if !has {
-                return Err(DecodeError::Missing(name));
-            }
-            if values.is_empty() {
-                return Err(DecodeError::Empty(name));
-            }
-            if values.len() > super::limits::MAX_VECTOR_WIDTH {
-                return Err(DecodeError::TooWide(name));
-            }
-            if !values.iter().all(|v| v.is_finite()) {
-                return Err(DecodeError::NotFinite(name));
-            }
-        }
-        Ok(())
-    }
-}
+use super::wire::{Channel, Schema};
 
 /// Why a message gives no step. The text holds nothing that differs from message to message: it is counted by.
 #[derive(Debug, Error, Clone, PartialEq, Eq)]
@@ -155,6 +45,8 @@ pub(crate) enum DecodeError {
     Missing(&'static str),
     #[error("{0} is empty")]
     Empty(&'static str),
+    #[error("{0} has fewer values than its selector takes")]
+    TooNarrow(&'static str),
     #[error("{0} is not finite")]
     NotFinite(&'static str),
     #[error("{0} is wider than any vector may be")]
@@ -163,30 +55,142 @@ pub(crate) enum DecodeError {
     WrongType(String),
 }
 
+impl DecodeError {
+    /// `found` stands where `field` is expected.
+    fn wrong_type(found: &str, field: Field, row: &Row) -> Self {
+        Self::WrongType(format!("{found} where {} is expected", row.label(field)))
+    }
+}
+
+/// Why no decoder can be made for a channel.
+#[derive(Debug, Error, Clone, PartialEq, Eq)]
+pub(crate) enum PlanError {
+    #[error("encoding {encoding:?} is not supported ({SUPPORTED} are)")]
+    Encoding { encoding: String },
+    #[error("schema {name:?} ({encoding}) cannot be used: {what}")]
+    Schema {
+        name: String,
+        encoding: String,
+        what: String,
+    },
+    /// A wanted path that the schema does not have, or that holds no numbers.
+    #[error("{0}")]
+    Path(String),
+}
+
 /// Encodings that are decoded, for messages to the user.
-pub(crate) const SUPPORTED: &str = "json";
+pub(crate) const SUPPORTED: &str = if cfg!(feature = "flatbuffer") {
+    "json, protobuf, cdr, ros1, cbor, msgpack and flatbuffer"
+} else {
+    "json, protobuf, cdr, ros1, cbor and msgpack; flatbuffer in a build with the feature \"flatbuffer\""
+};
+
+/// The encodings, each with what it needs to read a message.
+#[derive(Debug)]
+enum Walk {
+    /// JSON text.
+    Json(Vec<Node>),
+    /// CBOR.
+    Cbor(Vec<Node>),
+    /// MessagePack.
+    MessagePack(Vec<Node>),
+    /// FlatBuffers.
+    #[cfg(feature = "flatbuffer")]
+    FlatBuffer(flatbuffer::Plan),
+    /// ROS 2 (CDR) and ROS 1.
+    Ros(Box<ros::Ros>),
+    /// Protobuf, with a schema.
+    Protobuf(protobuf::Plan),
+}
 
 /// A decoder compiled for one channel.
-#[derive(Debug, Clone)]
-pub(crate) enum Decoder {
-    /// JSON text.
-    Json(Plan),
+#[derive(Debug)]
+pub(crate) struct Decoder {
+    walk: Walk,
 }
 
 impl Decoder {
-    /// Compiles the native convention for an encoding; `None` if the encoding is not decoded.
-    pub(crate) fn native(encoding: &str) -> Option<Self> {
-        encoding
-            .eq_ignore_ascii_case("json")
-            .then(|| Self::Json(Plan::native()))
+    /// Compiles what is wanted of the messages of a channel. `example` is its first message, see [`example`].
+    pub(crate) fn compile(
+        channel: &Channel,
+        schema: Option<&Schema>,
+        wanted: &[Wanted],
+        example: &Value,
+    ) -> Result<Self, PlanError> {
+        let encoding = channel.encoding.to_ascii_lowercase();
+        let walk = match encoding.as_str() {
+            "json" => Walk::Json(Node::trees(wanted, Some(example))),
+            "cbor" => Walk::Cbor(Node::trees(wanted, Some(example))),
+            "msgpack" | "messagepack" => Walk::MessagePack(Node::trees(wanted, Some(example))),
+            #[cfg(feature = "flatbuffer")]
+            "flatbuffer" => Walk::FlatBuffer(flatbuffer::Plan::compile(schema, wanted)?),
+            "cdr" | "ros1" => {
+                let trees = Node::trees(wanted, Some(example));
+                Walk::Ros(Box::new(ros::Ros::compile(channel, schema, &trees)?))
+            }
+            "protobuf" => {
+                let trees = Node::trees(wanted, None);
+                Walk::Protobuf(protobuf::Plan::compile(&trees, schema)?)
+            }
+            _ => return Err(unsupported(channel)),
+        };
+        Ok(Self { walk })
     }
 
     /// Decodes one message.
-    pub(crate) fn decode(&self, data: &[u8], row: &mut Row) -> Result<(), DecodeError> {
+    pub(crate) fn decode(&mut self, data: &[u8], row: &mut Row) -> Result<(), DecodeError> {
         row.clear();
-        match self {
-            Self::Json(plan) => json::decode(plan, data, row)?,
+        match &mut self.walk {
+            Walk::Json(trees) => trees
+                .iter()
+                .try_for_each(|tree| json::decode(tree, data, row))?,
+            Walk::Cbor(trees) => trees
+                .iter()
+                .try_for_each(|tree| cbor::decode(tree, data, row))?,
+            Walk::MessagePack(trees) => trees
+                .iter()
+                .try_for_each(|tree| msgpack::decode(tree, data, row))?,
+            #[cfg(feature = "flatbuffer")]
+            Walk::FlatBuffer(plan) => plan.decode(data, row)?,
+            Walk::Ros(ros) => ros.decode(data, row)?,
+            Walk::Protobuf(plan) => plan.decode(data, row)?,
         }
         row.check()
     }
+}
+
+fn unsupported(channel: &Channel) -> PlanError {
+    PlanError::Encoding {
+        encoding: channel.encoding.clone(),
+    }
+}
+
+/// Why a message cannot be made a [`Value`].
+#[derive(Debug, Error, Clone, PartialEq, Eq)]
+pub(crate) enum ExampleError {
+    /// No message of the channel can be read.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    /// This one cannot.
+    #[error(transparent)]
+    Message(#[from] DecodeError),
+}
+
+/// One message as a tree of values: for plans and for people, never in the hot path.
+pub(crate) fn example(
+    channel: &Channel,
+    schema: Option<&Schema>,
+    data: &[u8],
+) -> Result<Value, ExampleError> {
+    let encoding = channel.encoding.to_ascii_lowercase();
+    Ok(match encoding.as_str() {
+        "json" => json::value(data)?,
+        "cbor" => cbor::value(data)?,
+        "msgpack" | "messagepack" => msgpack::value(data)?,
+        #[cfg(feature = "flatbuffer")]
+        "flatbuffer" => flatbuffer::value(schema, data)??,
+        "cdr" | "ros1" => ros::value(channel, schema, data)?,
+        "protobuf" => protobuf::value(schema, data)?,
+        _ => return Err(unsupported(channel).into()),
+    })
 }

@@ -1,0 +1,541 @@
+//! Puts the messages of several topics in the order of time, and on the clock of the actions.
+//!
+//! Messages are often out of order inside a file. They are held back, up to [`REORDER_BYTES`] of values (the whole
+//! recording where it is one episode), and leave in the order of time; at equal times a marker comes before a state,
+//! a state before an action, an action before an end flag. Each action becomes a step with the states of its time.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use super::align::{Held, Track};
+use super::episodes::{Common, Episodes};
+use super::error::RecordingError;
+use super::limits::REORDER_BYTES;
+use super::options::{Align, ReadOptions};
+use super::step::{IdRef, LoggedId, Meta, Place, Step};
+use super::tally::Tally;
+
+/// Under which cause a step is counted that has no state yet.
+pub(crate) const BEFORE_FIRST_STATE: &str = "step before the first state";
+
+/// Under which cause a step is counted that no episode has begun for.
+pub(crate) const BEFORE_FIRST_MARKER: &str = "step before the first marker";
+
+/// Under which cause a step is counted before each joint of its action had a value.
+pub(crate) const BEFORE_ALL_JOINTS: &str = "step before every joint of its action had a value";
+
+const TOO_OLD: &str = "step without a state within --max-age";
+const TOO_LATE: &str = "message further out of the order of time than is held back";
+const NO_INDEX: &str = "no state of its index";
+const NO_ACTION: &str = "state without an action of its index";
+
+/// Which part of a step comes from where: the values of one selector of one source.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Part {
+    pub(crate) source: usize,
+    /// Which of the source's selectors.
+    pub(crate) take: usize,
+}
+
+/// When and where something happened.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct At {
+    /// Nanoseconds.
+    pub(crate) time: i64,
+    /// Bytes from the beginning of the file.
+    pub(crate) offset: u64,
+    /// It stands for a message that is not of the clock, and is counted as used.
+    pub(crate) counts: bool,
+}
+
+/// Something that happened at a time.
+#[derive(Debug)]
+struct Event {
+    time: i64,
+    /// Order in the file.
+    nth: u64,
+    offset: u64,
+    what: What,
+    /// It stands for a message that is not of the clock, and is counted as used.
+    counts: bool,
+    /// Its values: where they begin in the buffer, and how many they are.
+    start: usize,
+    len: usize,
+}
+
+#[derive(Debug)]
+enum What {
+    Marker,
+    Held {
+        source: usize,
+    },
+    Id(LoggedId),
+    Action(OwnedMeta),
+    BadAction {
+        meta: OwnedMeta,
+        cause: Arc<str>,
+    },
+    /// The episode ends at this time, as another topic says.
+    Done,
+    /// Part of the file is lost here.
+    Loss(Arc<str>),
+}
+
+impl What {
+    /// Order among events of equal time.
+    fn rank(&self) -> u8 {
+        match self {
+            Self::Marker => 0,
+            Self::Held { .. } | Self::Id(_) => 1,
+            Self::Action(_) | Self::BadAction { .. } => 2,
+            Self::Done => 3,
+            Self::Loss(_) => 4,
+        }
+    }
+}
+
+#[derive(Debug, Clone)]
+struct OwnedMeta {
+    id: Option<LoggedId>,
+    number: Option<i64>,
+    reward: Option<f64>,
+    ended: bool,
+    has_end_flag: bool,
+}
+
+impl OwnedMeta {
+    fn of(meta: Meta<'_>) -> Self {
+        Self {
+            id: LoggedId::of(meta.id),
+            number: meta.number,
+            reward: meta.reward,
+            ended: meta.ended,
+            has_end_flag: meta.has_end_flag,
+        }
+    }
+
+    /// `id` stands in for an episode that the message itself does not name.
+    fn as_meta<'a>(&'a self, id: Option<&'a LoggedId>) -> Meta<'a> {
+        Meta {
+            id: LoggedId::as_ref(self.id.as_ref().or(id)),
+            number: self.number,
+            reward: self.reward,
+            ended: self.ended,
+            has_end_flag: self.has_end_flag,
+        }
+    }
+}
+
+/// An event of the action's clock that waits for states.
+#[derive(Debug)]
+struct Waiting {
+    time: i64,
+    offset: u64,
+    what: What,
+    values: Vec<f64>,
+}
+
+/// Where steps go.
+pub(crate) struct Output<'a> {
+    pub(crate) episodes: &'a mut Episodes,
+    pub(crate) common: &'a Common,
+    pub(crate) tally: &'a mut Tally,
+}
+
+/// The events of one recording that are held back, and what is known at the time that has been reached.
+#[derive(Debug)]
+pub(crate) struct Timeline {
+    align: Align,
+    max_age: Option<i64>,
+    gap: Option<i64>,
+    needs_marker: bool,
+    /// Parts of action and state; source 0 is the clock.
+    actions: Vec<Part>,
+    states: Vec<Part>,
+    tracks: Vec<Track>,
+    events: Vec<Event>,
+    values: Vec<f64>,
+    n_events: u64,
+    newest: Option<i64>,
+    /// Everything up to this time has left.
+    released: Option<i64>,
+    /// Bytes of values that are held back.
+    hold_bytes: u64,
+    waiting: VecDeque<Waiting>,
+    pool: Vec<Vec<f64>>,
+    marked: bool,
+    last_action: Option<i64>,
+    id: Option<LoggedId>,
+    n_used: u64,
+    action: Vec<f64>,
+    state: Vec<f64>,
+}
+
+impl Timeline {
+    /// `n_sources` topics, of which number 0 is the clock.
+    pub(crate) fn new(
+        options: &ReadOptions,
+        n_sources: usize,
+        (actions, states): (Vec<Part>, Vec<Part>),
+        gap: Option<i64>,
+        needs_marker: bool,
+    ) -> Self {
+        Self {
+            align: options.align,
+            max_age: options.max_age_nanos,
+            gap,
+            needs_marker,
+            actions,
+            states,
+            tracks: (0..n_sources).map(|_| Track::default()).collect(),
+            events: Vec::new(),
+            values: Vec::new(),
+            n_events: 0,
+            newest: None,
+            released: None,
+            hold_bytes: REORDER_BYTES,
+            waiting: VecDeque::new(),
+            pool: Vec::new(),
+            marked: false,
+            last_action: None,
+            id: None,
+            n_used: 0,
+            action: Vec::new(),
+            state: Vec::new(),
+        }
+    }
+
+    /// The recording is one episode: all of it may be held back, up to `bytes`.
+    pub(crate) fn hold_all(&mut self, bytes: u64) {
+        self.hold_bytes = bytes.max(REORDER_BYTES);
+    }
+
+    /// Messages of other topics than the action's that were of use.
+    pub(crate) fn n_used(&self) -> u64 {
+        self.n_used
+    }
+
+    /// A message of an aligned topic. `ends` are where each selector's values end; false if they are not as before.
+    pub(crate) fn held(&mut self, source: usize, values: &[f64], ends: &[usize], at: At) -> bool {
+        if !self.tracks[source].fits(ends) {
+            return false;
+        }
+        self.event(What::Held { source }, values, at);
+        true
+    }
+
+    /// A message of the clock; false if its values are not as wide as before.
+    pub(crate) fn action(
+        &mut self,
+        meta: Meta<'_>,
+        values: &[f64],
+        ends: &[usize],
+        at: At,
+    ) -> bool {
+        let fits = self.tracks[0].fits(ends);
+        if fits {
+            self.event(What::Action(OwnedMeta::of(meta)), values, at);
+        }
+        fits
+    }
+
+    /// A message of the clock that gives no action.
+    pub(crate) fn bad_action(&mut self, meta: Meta<'_>, cause: &str, at: At) {
+        let what = What::BadAction {
+            meta: OwnedMeta::of(meta),
+            cause: Arc::from(cause),
+        };
+        self.event(what, &[], at);
+    }
+
+    /// An episode begins.
+    pub(crate) fn marker(&mut self, at: At) {
+        self.event(What::Marker, &[], at);
+    }
+
+    /// The episode is over.
+    pub(crate) fn done(&mut self, at: At) {
+        self.event(What::Done, &[], at);
+    }
+
+    /// What follows belongs to the episode `id`.
+    pub(crate) fn id(&mut self, id: IdRef<'_>, at: At) {
+        if let Some(id) = LoggedId::of(id) {
+            self.event(What::Id(id), &[], at);
+        }
+    }
+
+    /// A message was read that changes nothing.
+    pub(crate) fn of_use(&mut self) {
+        self.n_used += 1;
+    }
+
+    /// Part of the file is lost behind all that came.
+    pub(crate) fn loss(&mut self, cause: &str, offset: u64) {
+        let time = self.newest.unwrap_or(i64::MIN);
+        let at = At {
+            time,
+            offset,
+            counts: false,
+        };
+        self.event(What::Loss(Arc::from(cause)), &[], at);
+    }
+
+    /// The newest time so far, for messages that do not say theirs.
+    pub(crate) fn newest(&self) -> i64 {
+        self.newest.unwrap_or(0)
+    }
+
+    fn event(&mut self, what: What, values: &[f64], at: At) {
+        let At {
+            time,
+            offset,
+            counts,
+        } = at;
+        self.newest = Some(self.newest.map_or(time, |newest| newest.max(time)));
+        let start = self.values.len();
+        self.values.extend_from_slice(values);
+        self.events.push(Event {
+            time,
+            nth: self.n_events,
+            offset,
+            what,
+            counts,
+            start,
+            len: values.len(),
+        });
+        self.n_events += 1;
+    }
+
+    /// Lets go of the older half of what is held, if that is more than may be.
+    pub(crate) fn settle(&mut self, out: &mut Output<'_>) -> Result<(), RecordingError> {
+        let bytes = 8 * self.values.len() + size_of::<Event>() * self.events.len();
+        if (bytes as u64) < self.hold_bytes {
+            return Ok(());
+        }
+        let half = self.events.len() / 2;
+        self.release(half, out)
+    }
+
+    /// Lets go of everything: the recording is at its end.
+    pub(crate) fn finish(&mut self, out: &mut Output<'_>) -> Result<(), RecordingError> {
+        self.release(self.events.len(), out)?;
+        self.drain(true, out)?;
+        if self.align == Align::Index {
+            for track in &mut self.tracks {
+                let (n_left, offset) = track.left();
+                // One more state than actions is what an environment gives: the last observation.
+                if n_left > 1 {
+                    out.tally.refuse_many(NO_ACTION, offset, n_left);
+                    self.n_used -= n_left;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn release(&mut self, n: usize, out: &mut Output<'_>) -> Result<(), RecordingError> {
+        let key = |e: &Event| (e.time, e.what.rank(), e.nth);
+        if !self.events.is_sorted_by_key(key) {
+            self.events.sort_unstable_by_key(key);
+        }
+        let kept = self.events.split_off(n);
+        let events = std::mem::replace(&mut self.events, kept);
+        let values = std::mem::take(&mut self.values);
+        for event in events {
+            let values = &values[event.start..event.start + event.len];
+            self.take(
+                event.time,
+                event.offset,
+                event.counts,
+                event.what,
+                values,
+                out,
+            )?;
+        }
+        for event in &mut self.events {
+            let start = self.values.len();
+            self.values
+                .extend_from_slice(&values[event.start..event.start + event.len]);
+            event.start = start;
+        }
+        Ok(())
+    }
+
+    /// Takes one event in the order of time.
+    fn take(
+        &mut self,
+        time: i64,
+        offset: u64,
+        counts: bool,
+        what: What,
+        values: &[f64],
+        out: &mut Output<'_>,
+    ) -> Result<(), RecordingError> {
+        if self.released.is_some_and(|released| time < released) && !matches!(what, What::Loss(_)) {
+            out.tally.refuse(TOO_LATE, offset);
+            if matches!(what, What::Action(_) | What::BadAction { .. }) {
+                out.episodes.drop_step();
+            }
+            return Ok(());
+        }
+        self.released = Some(time.max(self.released.unwrap_or(time)));
+        self.n_used += u64::from(counts);
+        if let What::Held { source } = what {
+            let held = Held { time, offset };
+            self.tracks[source].hold(held, values, self.align, &mut self.pool);
+        } else {
+            let mut buffer = self.pool.pop().unwrap_or_default();
+            buffer.clear();
+            buffer.extend_from_slice(values);
+            self.waiting.push_back(Waiting {
+                time,
+                offset,
+                what,
+                values: buffer,
+            });
+        }
+        self.drain(false, out)
+    }
+
+    /// Takes what waits, as far as its states are known.
+    fn drain(&mut self, at_end: bool, out: &mut Output<'_>) -> Result<(), RecordingError> {
+        while let Some(front) = self.waiting.front() {
+            let time = front.time;
+            let needs_states = match front.what {
+                What::Action(_) => true,
+                // Its state is passed over with it.
+                What::BadAction { .. } => self.align == Align::Index,
+                _ => false,
+            };
+            if needs_states && !at_end {
+                let now = self.released.unwrap_or(time);
+                let align = self.align;
+                let known = |track: &mut Track| track.knows(time, now, align);
+                if !self.tracks[1..].iter_mut().all(known) {
+                    return Ok(());
+                }
+            }
+            if let Some(waiting) = self.waiting.pop_front() {
+                self.settle_one(waiting, out)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn settle_one(&mut self, waiting: Waiting, out: &mut Output<'_>) -> Result<(), RecordingError> {
+        let Waiting {
+            time,
+            offset,
+            what,
+            values,
+        } = waiting;
+        let place = Place {
+            offset,
+            time: Some(time),
+        };
+        match what {
+            What::Marker => {
+                self.marked = true;
+                out.episodes.cut(out.common, out.tally);
+            }
+            What::Done => out.episodes.cut(out.common, out.tally),
+            What::Id(id) => self.id = Some(id),
+            What::Loss(cause) => out.episodes.lose(&cause),
+            What::BadAction { meta, cause } => {
+                self.cut_at_gap(time, out);
+                if self.align == Align::Index {
+                    for track in &mut self.tracks[1..] {
+                        track.advance(time, Align::Index);
+                    }
+                }
+                let id = self.id.take();
+                let meta = meta.as_meta(id.as_ref());
+                out.episodes.bad(meta, &cause, place, out.common, out.tally);
+                self.id = id;
+            }
+            What::Action(meta) => {
+                self.cut_at_gap(time, out);
+                let id = self.id.take();
+                let result = self.step(meta.as_meta(id.as_ref()), place, time, &values, out);
+                self.id = id;
+                result?;
+            }
+            What::Held { .. } => {}
+        }
+        self.pool.push(values);
+        Ok(())
+    }
+
+    fn cut_at_gap(&mut self, time: i64, out: &mut Output<'_>) {
+        let pause = self.last_action.map(|last| time.saturating_sub(last));
+        self.last_action = Some(time);
+        if let (Some(pause), Some(gap)) = (pause, self.gap)
+            && pause > gap
+        {
+            out.episodes.cut(out.common, out.tally);
+        }
+    }
+
+    /// Makes a step of an action and the states of its time.
+    fn step(
+        &mut self,
+        meta: Meta<'_>,
+        place: Place,
+        time: i64,
+        values: &[f64],
+        out: &mut Output<'_>,
+    ) -> Result<(), RecordingError> {
+        let align = self.align;
+        self.tracks[0].merge(values, time);
+        for track in &mut self.tracks[1..] {
+            track.advance(time, align);
+        }
+        let oldest = self.max_age.map(|age| time.saturating_sub(age));
+        let newest = self.max_age.map(|age| time.saturating_add(age));
+        let reason = if self.needs_marker && !self.marked {
+            Some(BEFORE_FIRST_MARKER)
+        } else if self.tracks[1..].iter().any(|t| !t.has_value()) {
+            Some(if align == Align::Index {
+                NO_INDEX
+            } else {
+                BEFORE_FIRST_STATE
+            })
+        } else if !self.tracks[0].is_complete() {
+            Some(BEFORE_ALL_JOINTS)
+        } else if self.tracks[1..]
+            .iter()
+            .any(|t| t.is_outside(oldest, newest))
+        {
+            Some(TOO_OLD)
+        } else {
+            None
+        };
+        if reason == Some(NO_INDEX) {
+            out.episodes
+                .bad(meta, NO_INDEX, place, out.common, out.tally);
+            return Ok(());
+        }
+        if let Some(reason) = reason {
+            out.tally.refuse(reason, place.offset);
+            out.episodes.drop_step();
+            return Ok(());
+        }
+        for (parts, buffer) in [
+            (&self.actions, &mut self.action),
+            (&self.states, &mut self.state),
+        ] {
+            buffer.clear();
+            for part in parts {
+                buffer.extend_from_slice(self.tracks[part.source].values(part.take));
+            }
+        }
+        let step = Step {
+            action: &self.action,
+            state: &self.state,
+            meta,
+            place,
+        };
+        out.episodes.push(&step, out.common, out.tally)
+    }
+}
