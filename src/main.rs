@@ -2,10 +2,11 @@
 
 use std::io::{self, Write};
 use std::process::ExitCode;
+use std::sync::Arc;
 
 use clap::Parser;
-use coact::cli::{self, Cli, Command, ProgressDisplay, Request, SummaryFormat, exit};
-use coact::pipeline::{self, RunError};
+use coact::cli::{self, Cli, Command, ProgressDisplay, Request, Signals, SummaryFormat, exit};
+use coact::pipeline::{self, Interrupt, RunError};
 use coact::report::RunOutcome;
 
 fn main() -> ExitCode {
@@ -36,10 +37,13 @@ fn extract(args: cli::ExtractArgs) -> u8 {
         Err(message) => return fail(&message, exit::USAGE),
     };
     let display = ProgressDisplay::new(progress);
-    let result = pipeline::run(&config, &|p| display.update(p));
+    let interrupt = Arc::new(Interrupt::default());
+    let signals = Signals::watch(&interrupt, config.output.clone());
+    let result = pipeline::run(&config, &|p| display.update(p), &interrupt);
     display.finish();
     let summary = match result {
         Ok(summary) => summary,
+        Err(e @ RunError::Interrupted) => return fail(&e.to_string(), signals.exit_code()),
         Err(e) => return fail(&e.to_string(), code_of(&e)),
     };
     if verbose {
@@ -78,7 +82,7 @@ fn inspect(args: &cli::InspectArgs) -> u8 {
 fn code_of(e: &RunError) -> u8 {
     match e {
         RunError::Arguments(_) => exit::USAGE,
-        RunError::Failed(_) => exit::FAILED,
+        RunError::Failed(_) | RunError::Interrupted => exit::FAILED,
     }
 }
 

@@ -208,8 +208,27 @@ impl EpisodeStatus {
     }
 }
 
+impl RecordingRow {
+    /// Was nothing of it refused, recovered or failed, but what is to be expected?
+    pub fn is_clean(&self) -> bool {
+        self.status == RecordingStatus::Ok && self.causes.iter().all(|c| c.expected)
+    }
+}
+
+/// By what a recording is known from one run to the next.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RecordingIdentity {
+    /// Its name, as in [`EpisodeKey::recording`].
+    pub name: Arc<str>,
+    /// Size of its files.
+    pub bytes: u64,
+    /// Hash of the beginning and the end of each file.
+    pub hash: Arc<str>,
+}
+
 /// What a column of `status` says of a recording.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum RecordingStatus {
     /// Read to its end; messages may still have been refused.
     Ok,

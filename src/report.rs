@@ -8,9 +8,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use crate::model::{
-    Cause, Episode, EpisodeStatus, Extraction, JointMode, Outcome, RecordingRow, RecordingStatus,
-};
+use crate::model::{Cause, Episode, EpisodeStatus, Extraction, JointMode, Outcome, RecordingRow};
 
 /// How a run ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -133,6 +131,13 @@ pub struct RunSummary {
     pub recordings: BTreeMap<&'static str, u64>,
     /// Episodes by status.
     pub episodes: BTreeMap<&'static str, u64>,
+    /// Recordings that an earlier process of the same run had written, and their episodes.
+    pub n_recordings_before: u64,
+    /// Episodes of those.
+    pub n_episodes_before: u64,
+    /// Something of those was refused, recovered or incomplete.
+    #[serde(skip)]
+    is_unclean_before: bool,
     /// Steps used.
     pub n_steps: u64,
     /// Steps read and not used.
@@ -207,6 +212,13 @@ impl RunSummary {
         }
     }
 
+    /// Counts a recording that an earlier process has written; `clean` if nothing of it was lost.
+    pub fn add_done_before(&mut self, n_episodes: u64, clean: bool) {
+        self.n_recordings_before += 1;
+        self.n_episodes_before += n_episodes;
+        self.is_unclean_before |= !clean;
+    }
+
     /// Counts one recording, whose episodes came before.
     pub fn add_recording(&mut self, row: &RecordingRow) {
         let current = std::mem::take(&mut self.of_recording);
@@ -216,10 +228,7 @@ impl RunSummary {
         self.n_messages_refused += row.n_messages_refused;
         self.bytes += row.bytes;
         self.listing.push(text::listed(row));
-        if row.status == RecordingStatus::Ok
-            && row.causes.iter().all(|c| c.expected)
-            && current.n_incomplete == 0
-        {
+        if row.is_clean() && current.n_incomplete == 0 {
             return;
         }
         let mut incomplete = current.incomplete;
@@ -241,9 +250,9 @@ impl RunSummary {
 
     /// How the run ended, which decides the exit code.
     pub fn outcome(&self) -> RunOutcome {
-        if self.episodes.values().sum::<u64>() == 0 {
+        if self.episodes.values().sum::<u64>() + self.n_episodes_before == 0 {
             RunOutcome::Failed
-        } else if self.remarks.is_empty() {
+        } else if self.remarks.is_empty() && !self.is_unclean_before {
             RunOutcome::Done
         } else {
             RunOutcome::Partial

@@ -11,7 +11,7 @@ use super::bytes::ByteSize;
 use super::progress::When;
 use crate::extraction::{ExtractionParams, Measure, Profile, RawParams};
 use crate::model::JointMode;
-use crate::pipeline::Config;
+use crate::pipeline::{Config, DEFAULT_MAX_PART_ROWS};
 use crate::recording::{
     Align, Clock, EpisodeOption, Limits, OnDamage, ReadOptions, Selector, parse_seconds,
 };
@@ -191,6 +191,10 @@ struct Options {
     #[arg(long, value_name = "N", help_heading = "Limits")]
     max_open_episodes: Option<usize>,
 
+    /// Step rows after which a part is cut
+    #[arg(long, value_name = "N", hide = true)]
+    max_part_rows: Option<usize>,
+
     /// Threads; 0 = all cores [default: 0]
     #[arg(long, value_name = "N", help_heading = "Running")]
     threads: Option<usize>,
@@ -362,6 +366,7 @@ impl Options {
             max_chunk: self.max_chunk.or(other.max_chunk),
             max_episode: self.max_episode.or(other.max_episode),
             max_open_episodes: self.max_open_episodes.or(other.max_open_episodes),
+            max_part_rows: self.max_part_rows.or(other.max_part_rows),
             threads: self.threads.or(other.threads),
             progress: self.progress.or(other.progress),
             summary: self.summary.or(other.summary),
@@ -451,6 +456,8 @@ impl Options {
             params,
             read: self.read_options(),
             steps: self.steps != Some(Steps::None),
+            max_part_rows: self.max_part_rows.unwrap_or(DEFAULT_MAX_PART_ROWS),
+            faults: None,
             overwrite: self.overwrite,
             threads: self.threads.unwrap_or_default(),
             parameters: self.parameters(),
@@ -473,6 +480,7 @@ impl Options {
             output: None,
             overwrite: false,
             dry_run: false,
+            max_part_rows: None,
             threads: None,
             progress: None,
             summary: None,

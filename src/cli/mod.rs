@@ -4,6 +4,7 @@ mod bytes;
 mod extract;
 pub mod inspect;
 mod progress;
+mod signals;
 
 use std::io::Write;
 
@@ -13,6 +14,7 @@ pub use bytes::ByteSize;
 pub use extract::{ExtractArgs, Request, SummaryFormat};
 pub use inspect::InspectArgs;
 pub use progress::ProgressDisplay;
+pub use signals::Signals;
 
 /// Finds composite actions in recordings of agents.
 #[derive(Debug, Parser)]

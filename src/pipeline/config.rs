@@ -1,12 +1,14 @@
 //! All that decides a run, checked.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use thiserror::Error;
 
 use super::inputs::InputError;
 use crate::extraction::ExtractionParams;
 use crate::recording::ReadOptions;
+use crate::tables::{Faults, TableError};
 
 /// A run, as asked for. Only parameters that can run get this far.
 #[derive(Debug, Clone)]
@@ -25,6 +27,10 @@ pub struct Config {
     pub overwrite: bool,
     /// Threads; 0 stands for all cores.
     pub threads: usize,
+    /// Rows after which a part is cut; see [`crate::tables::DEFAULT_MAX_PART_ROWS`].
+    pub max_part_rows: usize,
+    /// Calls to the file system that are to fail, in tests.
+    pub faults: Option<Arc<Faults>>,
     /// What was asked for, as key-value pairs for the tables' metadata.
     pub parameters: Vec<(String, String)>,
 }
@@ -45,6 +51,9 @@ pub enum RunError {
     /// What was asked for cannot be done as asked (exit 2).
     #[error("{0}")]
     Arguments(String),
+    /// It was stopped from outside (exit 130 or 143). What is committed stands.
+    #[error("interrupted; the same command goes on where this one stopped")]
+    Interrupted,
     /// It was tried and failed (exit 1).
     #[error("{0:#}")]
     Failed(anyhow::Error),
@@ -55,6 +64,15 @@ impl From<InputError> for RunError {
         match e {
             InputError::BadGlob { .. } => Self::Arguments(e.to_string()),
             InputError::Nothing(_) => Self::Failed(e.into()),
+        }
+    }
+}
+
+impl From<TableError> for RunError {
+    fn from(e: TableError) -> Self {
+        match e {
+            TableError::AnotherRun { .. } => Self::Arguments(e.to_string()),
+            e => Self::Failed(e.into()),
         }
     }
 }

@@ -10,10 +10,15 @@
 //! ```
 
 mod config;
+mod identity;
 mod inputs;
 mod inspect;
+mod resume;
 mod source;
 
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use anyhow::Context;
@@ -23,12 +28,17 @@ pub use config::{Config, RunError};
 pub use inputs::InputError;
 pub use inspect::{Inspected, inspect};
 
+pub use crate::tables::{DEFAULT_MAX_PART_ROWS, remove_temporaries};
+
 use crate::extraction::{self, ExtractionParams};
-use crate::model::{Episode, Outcome};
+use crate::model::{Episode, Outcome, RecordingIdentity, RecordingRow};
 use crate::report::RunSummary;
-use crate::tables::{Batches, RowsBuilder, TableOptions, TableWriter};
+use crate::tables::{
+    Batches, DoneRecording, Mark, OutputDirectory, RowsBuilder, TableError, TableOptions,
+    TableWriter,
+};
 use inputs::Input;
-use source::{Event, Round, Source};
+use source::{Event, Job, Round, Source};
 
 /// How far a run is, for a progress display.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -50,6 +60,21 @@ pub struct Progress {
 /// Step rows that are made into one batch: enough for the writer to work on whole columns.
 const BATCH_ROWS: usize = 64 << 10;
 
+/// Asks a run to stop, from another thread.
+#[derive(Debug, Default)]
+pub struct Interrupt(AtomicBool);
+
+impl Interrupt {
+    /// Asks; the run stops at the next round.
+    pub fn raise(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+
+    fn is_raised(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
 /// Reads all recordings, extracts their composite actions, writes the tables.
 ///
 /// # Errors
@@ -57,62 +82,91 @@ const BATCH_ROWS: usize = 64 << 10;
 pub fn run(
     config: &Config,
     on_progress: &(dyn Fn(Progress) + Sync),
+    interrupt: &Interrupt,
 ) -> Result<RunSummary, RunError> {
     let started = Instant::now();
     let inputs = inputs::find(&config.inputs)?;
-    let mut writer = match &config.output {
-        Some(output) => Some(open_output(output, config)?),
-        None => None,
-    };
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(config.threads)
         .build()
         .context("cannot start the threads")
         .map_err(RunError::Failed)?;
-    let mut summary = pool.install(|| stages(config, &inputs, writer.as_mut(), on_progress))?;
-    if let Some(writer) = writer {
-        writer.finish().map_err(|e| RunError::Failed(e.into()))?;
-    }
+    let mut summary = pool.install(|| {
+        if let Some(output) = &config.output {
+            return written(config, output, &inputs, on_progress, interrupt);
+        }
+        let jobs = resume::all(&inputs);
+        let mut summary = RunSummary::default();
+        stages(config, &jobs, None, &mut summary, on_progress, interrupt)?;
+        Ok(summary)
+    })?;
     summary.set_elapsed(started.elapsed());
     Ok(summary)
 }
 
-fn open_output(output: &std::path::Path, config: &Config) -> Result<TableWriter, RunError> {
-    let failed = |e: crate::tables::TableError| RunError::Failed(e.into());
-    if crate::tables::holds_run(output).map_err(failed)? {
-        if !config.overwrite {
-            return Err(RunError::Arguments(format!(
-                "{} already holds a run: give another directory, or --overwrite to start again",
-                output.display()
-            )));
-        }
-        crate::tables::clear_own_files(output).map_err(failed)?;
-    }
+/// A run with tables: goes on where an earlier process of the same run stopped.
+fn written(
+    config: &Config,
+    output: &Path,
+    inputs: &[Input],
+    on_progress: &(dyn Fn(Progress) + Sync),
+    interrupt: &Interrupt,
+) -> Result<RunSummary, RunError> {
     let options = TableOptions {
         steps: config.steps,
         metadata: config.metadata(),
+        max_part_rows: config.max_part_rows,
+        faults: config.faults.clone(),
         ..TableOptions::default()
     };
-    TableWriter::create(output, &options).map_err(failed)
+    let mut directory = OutputDirectory::open(output, &options, config.overwrite)?;
+    let resume::Work { jobs, before } = resume::work(inputs, &mut directory)?;
+    let mut summary = RunSummary::default();
+    for done in &before {
+        summary.add_done_before(done.n_episodes, done.clean);
+    }
+    if jobs.is_empty() && directory.is_complete() {
+        return Ok(summary);
+    }
+    let mut writer = directory.writer()?;
+    let stages = stages(
+        config,
+        &jobs,
+        Some(&mut writer),
+        &mut summary,
+        on_progress,
+        interrupt,
+    );
+    if matches!(stages, Err(RunError::Interrupted)) {
+        // What is in hand is whole up to the last episode.
+        writer.commit()?;
+    }
+    stages?;
+    writer.finish()?;
+    Ok(summary)
 }
 
 /// Moves rounds through the three stages until all are through.
 fn stages(
     config: &Config,
-    inputs: &[Input],
+    jobs: &[Job<'_>],
     mut writer: Option<&mut TableWriter>,
+    summary: &mut RunSummary,
     on_progress: &(dyn Fn(Progress) + Sync),
-) -> Result<RunSummary, RunError> {
-    let mut source = Source::new(inputs, &config.read);
+    interrupt: &Interrupt,
+) -> Result<(), RunError> {
+    let mut source = Source::new(jobs, &config.read);
     let mut progress = Progress {
-        n_recordings_total: inputs.len() as u64,
-        bytes_total: inputs.iter().map(Input::bytes).sum(),
+        n_recordings_total: jobs.len() as u64,
+        bytes_total: jobs.iter().map(|job| job.input.bytes()).sum(),
         ..Progress::default()
     };
-    let mut summary = RunSummary::default();
     let mut read: Option<Round> = source.next_round();
     let mut extracted: Option<Extracted> = None;
     while read.is_some() || extracted.is_some() {
+        if interrupt.is_raised() {
+            return Err(RunError::Interrupted);
+        }
         let to_extract = read.take();
         let more = to_extract.is_some();
         let to_write = extracted.take();
@@ -121,31 +175,28 @@ fn stages(
             || {
                 rayon::join(
                     || to_extract.map(|round| extract(round, config)),
-                    || {
-                        to_write
-                            .map(|e| write(e, writer.as_deref_mut(), &mut summary, &mut progress))
-                    },
+                    || to_write.map(|e| write(e, writer.as_deref_mut(), summary, &mut progress)),
                 )
             },
         );
         (read, extracted) = (next, done);
-        written.transpose().map_err(RunError::Failed)?;
+        written.transpose()?;
         on_progress(progress);
     }
-    Ok(summary)
+    Ok(())
 }
 
 /// A round after extraction: batches of rows to write, and what the summary needs.
 struct Extracted {
-    batches: Vec<Batches>,
+    batches: Vec<(Batches, Vec<Mark>)>,
     events: Vec<Counted>,
     bytes: u64,
 }
 
 /// An event whose bulk has gone into the batches.
 enum Counted {
-    Episode(Box<Episode>, Box<Outcome>),
-    Recording(Box<crate::model::RecordingRow>),
+    Episode(Arc<RecordingIdentity>, Box<Episode>, Box<Outcome>),
+    Recording(Arc<RecordingIdentity>, Box<RecordingRow>),
 }
 
 /// Runs the method on every episode of a round and makes rows of the results.
@@ -156,14 +207,14 @@ fn extract(round: Round, config: &Config) -> Extracted {
         .into_par_iter()
         .with_max_len(1)
         .map(|event| match event {
-            Event::Episode(episode) => {
+            Event::Episode(identity, episode) => {
                 let outcome = extraction::extract(&episode, params);
-                Counted::Episode(episode, Box::new(outcome))
+                Counted::Episode(identity, episode, Box::new(outcome))
             }
-            Event::Recording(row) => Counted::Recording(row),
+            Event::Recording(identity, row) => Counted::Recording(identity, row),
         })
         .collect();
-    let batches = groups(&events)
+    let batches = groups(&events, config.max_part_rows.min(BATCH_ROWS))
         .into_par_iter()
         .map(|group| rows(group, config))
         .collect();
@@ -174,15 +225,15 @@ fn extract(round: Round, config: &Config) -> Extracted {
     }
 }
 
-/// Cuts events into runs of about [`BATCH_ROWS`] step rows.
-fn groups(events: &[Counted]) -> Vec<&[Counted]> {
+/// Cuts events into runs of about `batch_rows` step rows.
+fn groups(events: &[Counted], batch_rows: usize) -> Vec<&[Counted]> {
     let mut groups = Vec::new();
     let (mut start, mut n_rows) = (0, 0);
     for (i, event) in events.iter().enumerate() {
-        if let Counted::Episode(episode, _) = event {
+        if let Counted::Episode(_, episode, _) = event {
             n_rows += episode.n_steps() * episode.actions.n_columns();
         }
-        if n_rows >= BATCH_ROWS {
+        if n_rows >= batch_rows {
             groups.push(&events[start..=i]);
             (start, n_rows) = (i + 1, 0);
         }
@@ -193,15 +244,27 @@ fn groups(events: &[Counted]) -> Vec<&[Counted]> {
     groups
 }
 
-fn rows(events: &[Counted], config: &Config) -> Batches {
+fn rows(events: &[Counted], config: &Config) -> (Batches, Vec<Mark>) {
     let mut rows = RowsBuilder::new(config.params.joints(), config.steps);
+    let mut marks = Vec::with_capacity(events.len());
     for event in events {
         match event {
-            Counted::Episode(episode, outcome) => rows.append_episode(episode, outcome),
-            Counted::Recording(row) => rows.append_recording(row),
+            Counted::Episode(identity, episode, outcome) => {
+                rows.append_episode(episode, outcome);
+                marks.push(Mark::Episode(RecordingIdentity::clone(identity)));
+            }
+            Counted::Recording(identity, row) => {
+                rows.append_recording(row);
+                marks.push(Mark::Recording(DoneRecording {
+                    identity: RecordingIdentity::clone(identity),
+                    status: row.status,
+                    n_episodes: row.n_episodes,
+                    clean: row.is_clean(),
+                }));
+            }
         }
     }
-    rows.finish()
+    (rows.finish(), marks)
 }
 
 /// Writes a round and counts it.
@@ -210,15 +273,15 @@ fn write(
     writer: Option<&mut TableWriter>,
     summary: &mut RunSummary,
     progress: &mut Progress,
-) -> anyhow::Result<()> {
+) -> Result<(), TableError> {
     for event in &extracted.events {
         match event {
-            Counted::Episode(episode, outcome) => {
+            Counted::Episode(_, episode, outcome) => {
                 summary.add_episode(episode, outcome);
                 progress.n_episodes += 1;
                 progress.n_steps += episode.n_steps() as u64;
             }
-            Counted::Recording(row) => {
+            Counted::Recording(_, row) => {
                 summary.add_recording(row);
                 progress.n_recordings += 1;
             }
@@ -226,8 +289,8 @@ fn write(
     }
     progress.bytes += extracted.bytes;
     if let Some(writer) = writer {
-        for batches in extracted.batches {
-            writer.write(&batches)?;
+        for (batches, marks) in extracted.batches {
+            writer.write(&batches, &marks)?;
         }
     }
     Ok(())

@@ -9,24 +9,32 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
+use super::identity;
 use super::inputs::Input;
-use crate::model::{Episode, RecordingRow};
+use crate::model::{Episode, RecordingIdentity, RecordingRow};
 use crate::recording::{ReadOptions, RecordingReader};
 
 /// Bytes of values that one recording gives in a round, at least; more only by its last episode.
 const ROUND_BUDGET: u64 = 8 << 20;
 
 /// Most recordings that are open at a time.
-const MAX_OPEN: usize = 32;
+const MAX_OPEN: usize = 24;
 
 /// No more recordings are opened once those that are open have this many bytes.
 const MAX_OPEN_BYTES: u64 = 16 << 20;
 
 /// What comes out of a recording, in order.
 pub(crate) enum Event {
-    Episode(Box<Episode>),
+    Episode(Arc<RecordingIdentity>, Box<Episode>),
     /// The end of a recording.
-    Recording(Box<RecordingRow>),
+    Recording(Arc<RecordingIdentity>, Box<RecordingRow>),
+}
+
+/// A recording to be read, and how many of its episodes an earlier process has written.
+#[derive(Debug, Clone)]
+pub(crate) struct Job<'a> {
+    pub(crate) input: &'a Input,
+    pub(crate) n_written: u64,
 }
 
 /// One round of reading.
@@ -48,6 +56,9 @@ enum State {
 /// A recording of the current rounds, and what it gave that could not be passed on yet.
 struct Active<'a> {
     input: &'a Input,
+    identity: Arc<RecordingIdentity>,
+    /// Episodes that are written already, and are to be passed over.
+    n_to_skip: u64,
     bytes: u64,
     /// Bytes that progress was told of.
     reported: u64,
@@ -58,15 +69,15 @@ struct Active<'a> {
 
 /// All recordings of a run.
 pub(crate) struct Source<'a> {
-    inputs: std::slice::Iter<'a, Input>,
+    jobs: std::slice::Iter<'a, Job<'a>>,
     options: &'a ReadOptions,
     active: VecDeque<Active<'a>>,
 }
 
 impl<'a> Source<'a> {
-    pub(crate) fn new(inputs: &'a [Input], options: &'a ReadOptions) -> Self {
+    pub(crate) fn new(jobs: &'a [Job<'a>], options: &'a ReadOptions) -> Self {
         Self {
-            inputs: inputs.iter(),
+            jobs: jobs.iter(),
             options,
             active: VecDeque::new(),
         }
@@ -77,10 +88,10 @@ impl<'a> Source<'a> {
         while self.active.len() < MAX_OPEN
             && self.active.iter().map(|a| a.bytes).sum::<u64>() < MAX_OPEN_BYTES
         {
-            let Some(input) = self.inputs.next() else {
+            let Some(job) = self.jobs.next() else {
                 break;
             };
-            self.active.push_back(Active::new(input));
+            self.active.push_back(Active::new(job));
         }
         if self.active.is_empty() {
             return None;
@@ -100,18 +111,19 @@ impl<'a> Source<'a> {
             active.reported = active.position;
         }
         while let Some(front) = self.active.front_mut() {
-            round
-                .events
-                .extend(front.held.drain(..).map(|e| Event::Episode(Box::new(e))));
+            let identity = &front.identity;
+            let episode = |e| Event::Episode(Arc::clone(identity), Box::new(e));
+            round.events.extend(front.held.drain(..).map(episode));
             if !matches!(front.state, State::Ended(_)) {
                 break;
             }
             if let Some(Active {
                 state: State::Ended(row),
+                identity,
                 ..
             }) = self.active.pop_front()
             {
-                round.events.push(Event::Recording(row));
+                round.events.push(Event::Recording(identity, row));
             }
         }
         round
@@ -119,11 +131,13 @@ impl<'a> Source<'a> {
 }
 
 impl<'a> Active<'a> {
-    fn new(input: &'a Input) -> Self {
-        let bytes = input.bytes();
+    fn new(job: &Job<'a>) -> Self {
+        let identity = identity::of(job.input);
         Self {
-            input,
-            bytes,
+            input: job.input,
+            bytes: identity.bytes,
+            identity: Arc::new(identity),
+            n_to_skip: job.n_written,
             reported: 0,
             position: 0,
             state: State::NotOpened,
@@ -174,7 +188,10 @@ impl<'a> Active<'a> {
         // The last net: a bug in reading one recording must not cost the others.
         let result = catch_unwind(AssertUnwindSafe(|| reader.read(ROUND_BUDGET)));
         match result {
-            Ok(Ok(episodes)) => {
+            Ok(Ok(mut episodes)) => {
+                let n_skipped = self.n_to_skip.min(episodes.len() as u64);
+                self.n_to_skip -= n_skipped;
+                episodes.drain(..usize::try_from(n_skipped).unwrap_or(0));
                 self.held = episodes;
                 self.position = reader.position().min(self.bytes);
                 if reader.is_done() {

@@ -12,6 +12,10 @@ use super::scan::{Damage, Scanner, Sink};
 use super::survey::Survey;
 use crate::model::{Cause, Episode, RecordingRow, RecordingStatus};
 
+/// Bytes of a file after which reading pauses even where no episode is complete, so that a run can show progress and
+/// be stopped.
+const MAX_READ: u64 = 32 << 20;
+
 /// One recording, read from front to back.
 ///
 /// Pull [`read`](Self::read) until [`is_done`](Self::is_done), then take the [`row`](Self::into_row).
@@ -86,7 +90,7 @@ impl RecordingReader {
         self.done
     }
 
-    /// Reads on until episodes of at least `budget` bytes are complete, or the recording ends.
+    /// Reads on until episodes of at least `budget` bytes are complete, some bytes are read, or the recording ends.
     ///
     /// # Errors
     /// If the file cannot be read on, nothing in it can be used, or one episode is beyond the limit. Episodes given
@@ -98,7 +102,8 @@ impl RecordingReader {
         }
         let mut episodes = Vec::new();
         let mut bytes = 0;
-        while !self.done && bytes < budget {
+        let until = self.position().saturating_add(MAX_READ);
+        while !self.done && bytes < budget && self.position() < until {
             self.step()?;
             for episode in self.ingest.episodes.take_ready() {
                 let values = episode.n_steps()

@@ -103,6 +103,18 @@ impl RunSummary {
                 compact(rate)
             ),
         );
+        if self.n_recordings_before > 0 {
+            line(
+                text,
+                &format!(
+                    "{} {} with {} {} had been written before",
+                    count(self.n_recordings_before),
+                    plural(self.n_recordings_before, "recording"),
+                    count(self.n_episodes_before),
+                    plural(self.n_episodes_before, "episode"),
+                ),
+            );
+        }
         if self.n_messages_refused > 0 {
             line(
                 text,

@@ -1,12 +1,13 @@
-//! What an output directory holds: which files in it are ours, and whether a run is done.
+//! Which files in an output directory are ours, and whether a run is done. Nothing else in it is ever touched.
 
 use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use super::commit;
 use super::error::TableError;
 use super::schema::Table;
-use super::storage;
+use super::storage::{self, Storage};
 
 /// In the directory once a run is done.
 const SUCCESS: &str = "_SUCCESS";
@@ -23,77 +24,157 @@ pub(super) fn temporary_name(name: &str) -> String {
 }
 
 /// Marks the run in `directory` as done.
-pub(super) fn mark_done(directory: &Path) -> Result<(), TableError> {
-    storage::write_whole(
+pub(super) fn mark_done(storage: &Storage, directory: &Path) -> Result<(), TableError> {
+    storage.write_whole(
         &directory.join(SUCCESS),
         &directory.join(temporary_name(SUCCESS)),
         b"",
     )
 }
 
-/// Does `directory` hold tables of a run, finished or not?
+/// Takes the mark away: the run goes on.
+pub(super) fn unmark_done(storage: &Storage, directory: &Path) -> Result<(), TableError> {
+    if !is_marked_done(directory) {
+        return Ok(());
+    }
+    storage.remove(&directory.join(SUCCESS))?;
+    storage.sync_folder(directory)
+}
+
+pub(super) fn is_marked_done(directory: &Path) -> bool {
+    directory.join(SUCCESS).is_file()
+}
+
+/// Does `directory` hold parts of tables, finished or not?
+pub(super) fn holds_parts(directory: &Path) -> Result<bool, TableError> {
+    Ok(!parts(directory)?.is_empty())
+}
+
+/// Does `directory` hold a run, finished or not?
 ///
 /// # Errors
 /// If it is there and cannot be read.
 pub fn holds_run(directory: &Path) -> Result<bool, TableError> {
-    Ok(!own_files(directory)?.is_empty())
+    Ok(holds_parts(directory)?
+        || is_marked_done(directory)
+        || commit::run_path(directory).is_file())
 }
 
-/// Removes what a run has left in `directory`, and nothing else.
-///
-/// # Errors
-/// If the file system refuses.
-pub fn clear_own_files(directory: &Path) -> Result<(), TableError> {
-    // The mark goes first: a directory half cleared is not done.
-    storage::remove(&directory.join(SUCCESS))?;
-    own_files(directory)?
-        .iter()
-        .try_for_each(|path| storage::remove(path))?;
+/// Removes what a run has left in `directory`, but for its lock, and nothing else.
+pub(super) fn clear(storage: &Storage, directory: &Path) -> Result<(), TableError> {
+    // The mark goes first, then what the parts are known by: a directory half cleared is not done, and no part in it
+    // counts.
+    storage.remove(&directory.join(SUCCESS))?;
+    for path in names_in(&commit::commits_folder(directory))? {
+        let name = path.file_name().and_then(|n| n.to_str()).unwrap_or("");
+        if commit::parse_commit_name(finished_name(name)).is_some() {
+            storage.remove(&path)?;
+        }
+    }
+    for part in parts(directory)? {
+        storage.remove(&part.path)?;
+    }
+    storage.remove(&commit::run_path(directory))?;
     for table in Table::ALL {
         storage::remove_empty_folder(&directory.join(table.name()));
     }
     Ok(())
 }
 
-/// Our files in `directory`; no directory has none.
-fn own_files(directory: &Path) -> Result<Vec<PathBuf>, TableError> {
-    let mut files = Vec::new();
+/// Removes parts of `shard` that no commit names, and temporary files.
+pub(super) fn clear_unfinished(
+    storage: &Storage,
+    directory: &Path,
+    shard: u32,
+    committed: &[&str],
+) -> Result<(), TableError> {
+    for part in parts(directory)? {
+        let is_committed = committed.iter().any(|c| directory.join(c) == part.path);
+        if part.shard == shard && !is_committed {
+            storage.remove(&part.path)?;
+        }
+    }
+    remove_small_temporaries(storage, directory)
+}
+
+fn remove_small_temporaries(storage: &Storage, directory: &Path) -> Result<(), TableError> {
+    let mut paths = vec![
+        directory.join(temporary_name(SUCCESS)),
+        commit::run_path(directory).with_file_name(temporary_name("run.json")),
+    ];
+    paths.extend(
+        names_in(&commit::commits_folder(directory))?
+            .into_iter()
+            .filter(|path| {
+                let name = path.file_name().and_then(|n| n.to_str()).unwrap_or("");
+                let finished = finished_name(name);
+                finished != name && commit::parse_commit_name(finished).is_some()
+            }),
+    );
+    for path in paths {
+        if path.exists() {
+            storage.remove(&path)?;
+        }
+    }
+    Ok(())
+}
+
+/// Removes all temporary files of ours: for a process that must end at once.
+pub fn remove_temporaries(directory: &Path) {
+    let storage = Storage::default();
+    let unfinished = parts(directory).unwrap_or_default();
+    for part in unfinished.iter().filter(|p| !p.is_finished) {
+        // There is no one left to tell.
+        let _best_effort = storage.remove(&part.path);
+    }
+    let _best_effort = remove_small_temporaries(&storage, directory);
+}
+
+/// A part of ours.
+struct FoundPart {
+    path: PathBuf,
+    shard: u32,
+    is_finished: bool,
+}
+
+/// Parts in `directory`; no directory has none.
+fn parts(directory: &Path) -> Result<Vec<FoundPart>, TableError> {
+    let mut found = Vec::new();
     for table in Table::ALL {
-        files.extend(
-            names_in(&directory.join(table.name()))?
-                .into_iter()
-                .filter(|path| path.file_name().is_some_and(is_part)),
-        );
+        for path in names_in(&directory.join(table.name()))? {
+            let name = path.file_name().and_then(OsStr::to_str).unwrap_or("");
+            let finished = finished_name(name);
+            if let Some(shard) = shard_of(finished) {
+                found.push(FoundPart {
+                    shard,
+                    is_finished: finished == name,
+                    path,
+                });
+            }
+        }
     }
-    let success = directory.join(SUCCESS);
-    if success.is_file() {
-        files.push(success);
-    }
-    Ok(files)
+    Ok(found)
 }
 
-/// `part-SSSSS-NNNNN.parquet`, finished or not.
-fn is_part(name: &OsStr) -> bool {
-    let Some(name) = name.to_str() else {
-        return false;
-    };
-    let finished = name
-        .strip_prefix(TEMPORARY_PREFIX)
+/// The name that a temporary file is to get; any other name as it is.
+fn finished_name(name: &str) -> &str {
+    name.strip_prefix(TEMPORARY_PREFIX)
         .and_then(|n| n.strip_suffix(TEMPORARY_SUFFIX))
-        .unwrap_or(name);
-    let Some(numbers) = finished
-        .strip_prefix("part-")
-        .and_then(|n| n.strip_suffix(".parquet"))
-    else {
-        return false;
-    };
-    numbers.split('-').count() == 2
-        && numbers
-            .split('-')
-            .all(|n| n.len() == 5 && n.bytes().all(|b| b.is_ascii_digit()))
+        .unwrap_or(name)
 }
 
-fn names_in(folder: &Path) -> Result<Vec<PathBuf>, TableError> {
+/// The shard in `part-SSSSS-NNNNN.parquet`; `None` for any other name.
+fn shard_of(name: &str) -> Option<u32> {
+    let numbers = name.strip_prefix("part-")?.strip_suffix(".parquet")?;
+    let (shard, number) = numbers.split_once('-')?;
+    let digits = |t: &str| t.len() == 5 && t.bytes().all(|b| b.is_ascii_digit());
+    (digits(shard) && digits(number))
+        .then(|| shard.parse().ok())
+        .flatten()
+}
+
+/// What is in a folder; no folder has nothing.
+pub(super) fn names_in(folder: &Path) -> Result<Vec<PathBuf>, TableError> {
     let error = || TableError::io("read the folder", folder);
     match fs::read_dir(folder) {
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(Vec::new()),
@@ -110,16 +191,18 @@ mod tests {
 
     #[test]
     fn only_parts_are_ours() {
-        for name in ["part-00000-00000.parquet", ".part-00001-00012.parquet.tmp"] {
-            assert!(is_part(OsStr::new(name)), "{name}");
-        }
+        assert_eq!(shard_of("part-00000-00000.parquet"), Some(0));
+        assert_eq!(
+            shard_of(finished_name(".part-00001-00012.parquet.tmp")),
+            Some(1)
+        );
         for name in [
             "part-0-0.parquet",
             "notes.parquet",
             "part-00000-00000.parquet.bak",
             "part-00000.parquet",
         ] {
-            assert!(!is_part(OsStr::new(name)), "{name}");
+            assert_eq!(shard_of(name), None, "{name}");
         }
     }
 }

@@ -19,6 +19,25 @@ pub enum TableError {
         /// Why not.
         source: io::Error,
     },
+    /// The directory holds a run that is not this one.
+    #[error(
+        "{} holds another run ({difference}): give another directory, or --overwrite to start again",
+        directory.display()
+    )]
+    AnotherRun {
+        /// Which.
+        directory: PathBuf,
+        /// How it differs.
+        difference: String,
+    },
+    /// Another process writes to the directory.
+    #[error("{} is in use by another process{}", directory.display(), with_id(holder))]
+    Locked {
+        /// Which.
+        directory: PathBuf,
+        /// Its process id, if it could be read.
+        holder: String,
+    },
     /// The Parquet writer refused; on a full disk too.
     #[error("cannot write {}", path.display())]
     Parquet {
@@ -29,7 +48,20 @@ pub enum TableError {
     },
 }
 
+fn with_id(holder: &str) -> String {
+    if holder.is_empty() {
+        String::new()
+    } else {
+        format!(" (process {holder})")
+    }
+}
+
 impl TableError {
+    /// What the system said.
+    pub(crate) fn cause(&self) -> String {
+        std::error::Error::source(self).map_or_else(String::new, ToString::to_string)
+    }
+
     pub(crate) fn io(action: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {
         let path = path.to_owned();
         move |source| Self::Io {

@@ -1,46 +1,165 @@
-//! Every call to the file system that writing makes, in one place.
+//! Every call to the file system that writing makes, in one place, so that a test can make any of them fail.
 
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::error::TableError;
 
-/// Makes a folder and those above it.
-pub(super) fn create_folder(path: &Path) -> Result<(), TableError> {
-    fs::create_dir_all(path).map_err(TableError::io("create the folder", path))
+/// Makes the N-th call to the file system fail, for tests of what then happens.
+#[derive(Debug, Default)]
+pub struct Faults {
+    calls: AtomicU64,
+    fail_at: Option<u64>,
+    for_good: bool,
 }
 
-/// Makes or empties a file.
-pub(super) fn create(path: &Path) -> Result<PartFile, TableError> {
-    File::create(path)
-        .map(PartFile)
-        .map_err(TableError::io("create", path))
+impl Faults {
+    /// Fails nothing, and counts the calls.
+    pub fn none() -> Self {
+        Self::default()
+    }
+
+    /// Fails call number `n` (from 0); `for_good` fails all after it too, as a full disk does.
+    pub fn at(n: u64, for_good: bool) -> Self {
+        Self {
+            calls: AtomicU64::new(0),
+            fail_at: Some(n),
+            for_good,
+        }
+    }
+
+    /// Calls so far.
+    pub fn calls(&self) -> u64 {
+        self.calls.load(Ordering::Relaxed)
+    }
+
+    fn check(&self) -> io::Result<()> {
+        let call = self.calls.fetch_add(1, Ordering::Relaxed);
+        match self.fail_at {
+            Some(n) if call == n || (self.for_good && call > n) => {
+                Err(io::Error::other("a fault that a test asked for"))
+            }
+            _ => Ok(()),
+        }
+    }
 }
 
-/// Gives a finished file its final name, so that it is there whole or not at all, also after a power cut.
-pub(super) fn commit(file: PartFile, temporary: &Path, path: &Path) -> Result<(), TableError> {
-    file.0
-        .sync_all()
-        .map_err(TableError::io("sync", temporary))?;
-    drop(file);
-    fs::rename(temporary, path).map_err(TableError::io("rename to", path))?;
-    path.parent().map_or(Ok(()), sync_folder)
+/// The file system, perhaps with faults.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Storage {
+    faults: Option<Arc<Faults>>,
 }
 
-/// Writes a small file whole.
-pub(super) fn write_whole(path: &Path, temporary: &Path, content: &[u8]) -> Result<(), TableError> {
-    let mut file = create(temporary)?;
-    file.write_all(content)
-        .map_err(TableError::io("write", temporary))?;
-    commit(file, temporary, path)
-}
+impl Storage {
+    pub(super) fn new(faults: Option<Arc<Faults>>) -> Self {
+        Self { faults }
+    }
 
-/// Removes a file; that it is gone already is no error.
-pub(super) fn remove(path: &Path) -> Result<(), TableError> {
-    match fs::remove_file(path) {
-        Err(e) if e.kind() != io::ErrorKind::NotFound => Err(TableError::io("remove", path)(e)),
-        _ => Ok(()),
+    fn check(&self) -> io::Result<()> {
+        self.faults.as_ref().map_or(Ok(()), |f| f.check())
+    }
+
+    /// Makes a folder and those above it, and its name durable.
+    pub(super) fn create_folder(&self, path: &Path) -> Result<(), TableError> {
+        if path.is_dir() {
+            return Ok(());
+        }
+        self.check()
+            .and_then(|()| fs::create_dir_all(path))
+            .map_err(TableError::io("create the folder", path))?;
+        path.parent().map_or(Ok(()), |above| {
+            if above.as_os_str().is_empty() {
+                Ok(())
+            } else {
+                self.sync_folder(above)
+            }
+        })
+    }
+
+    /// Opens a file to be locked, made if it is not there; what it holds stays.
+    pub(super) fn open_lock(&self, path: &Path) -> Result<File, TableError> {
+        self.check()
+            .and_then(|()| {
+                File::options()
+                    .read(true)
+                    .write(true)
+                    .create(true)
+                    .truncate(false)
+                    .open(path)
+            })
+            .map_err(TableError::io("open", path))
+    }
+
+    /// Makes or empties a file.
+    pub(super) fn create(&self, path: &Path) -> Result<PartFile, TableError> {
+        self.check()
+            .and_then(|()| File::create(path))
+            .map(|file| PartFile {
+                file,
+                storage: self.clone(),
+            })
+            .map_err(TableError::io("create", path))
+    }
+
+    /// Gives a finished file its final name, so that it is there whole or not at all, also after a power cut.
+    pub(super) fn commit(
+        &self,
+        file: PartFile,
+        temporary: &Path,
+        path: &Path,
+    ) -> Result<(), TableError> {
+        self.check()
+            .and_then(|()| file.file.sync_all())
+            .map_err(TableError::io("sync", temporary))?;
+        drop(file);
+        self.check()
+            .and_then(|()| fs::rename(temporary, path))
+            .map_err(TableError::io("rename to", path))?;
+        path.parent()
+            .map_or(Ok(()), |above| self.sync_folder(above))
+    }
+
+    /// Writes a small file whole; what stands there already stays until the new one is complete.
+    pub(super) fn write_whole(
+        &self,
+        path: &Path,
+        temporary: &Path,
+        content: &[u8],
+    ) -> Result<(), TableError> {
+        let written = self.create(temporary).and_then(|mut file| {
+            file.write_all(content)
+                .map_err(TableError::io("write", temporary))?;
+            self.commit(file, temporary, path)
+        });
+        if written.is_err() {
+            // What is left of it is of no use; the next run would remove it too.
+            let _best_effort: io::Result<()> = fs::remove_file(temporary);
+        }
+        written
+    }
+
+    /// Removes a file; that it is gone already is no error.
+    pub(super) fn remove(&self, path: &Path) -> Result<(), TableError> {
+        match self.check().and_then(|()| fs::remove_file(path)) {
+            Err(e) if e.kind() != io::ErrorKind::NotFound => Err(TableError::io("remove", path)(e)),
+            _ => Ok(()),
+        }
+    }
+
+    /// Makes the names in a folder durable.
+    pub(super) fn sync_folder(&self, path: &Path) -> Result<(), TableError> {
+        // Other systems have no such call, and need none.
+        if cfg!(unix) {
+            self.check()
+                .and_then(|()| File::open(path))
+                .and_then(|folder| folder.sync_all())
+                .map_err(TableError::io("sync the folder", path))
+        } else {
+            Ok(())
+        }
     }
 }
 
@@ -50,27 +169,19 @@ pub(super) fn remove_empty_folder(path: &Path) {
     let _stays: io::Result<()> = fs::remove_dir(path);
 }
 
-/// Makes the names in a folder durable.
-fn sync_folder(path: &Path) -> Result<(), TableError> {
-    // Other systems have no such call, and need none.
-    if cfg!(unix) {
-        File::open(path)
-            .and_then(|folder| folder.sync_all())
-            .map_err(TableError::io("sync the folder", path))
-    } else {
-        Ok(())
-    }
-}
-
 /// A file that is being written.
-pub(super) struct PartFile(File);
+pub(super) struct PartFile {
+    file: File,
+    storage: Storage,
+}
 
 impl Write for PartFile {
     fn write(&mut self, buffer: &[u8]) -> io::Result<usize> {
-        self.0.write(buffer)
+        self.storage.check()?;
+        self.file.write(buffer)
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        self.0.flush()
+        self.file.flush()
     }
 }

@@ -3,7 +3,11 @@
 //! The parts of one number, one in each table, form a *part group*: they hold the same episodes. A group is cut
 //! between two batches, once it has enough rows; so the cut depends on the rows alone, never on time or threads.
 
+use std::fs::File;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use arrow::array::RecordBatch;
 
 use parquet::arrow::ArrowWriter;
 use parquet::basic::{Compression, Encoding, ZstdLevel};
@@ -11,11 +15,13 @@ use parquet::file::metadata::KeyValue;
 use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::schema::types::ColumnPath;
 
+use super::commit::{self, Commit, Mark, OpenRecording};
 use super::directory;
 use super::error::TableError;
+use super::output::OutputDirectory;
 use super::rows::{Batches, RowsBuilder};
 use super::schema::{TABLE_VERSION, Table};
-use super::storage::{self, PartFile};
+use super::storage::{Faults, PartFile, Storage};
 use crate::model::JointMode;
 
 /// Rows of `steps` (of `segments` and `episodes` without it) after which a part group is cut.
@@ -31,7 +37,7 @@ const ROW_GROUP_BYTES: usize = 64 << 20;
 const ZSTD_LEVEL: i32 = 3;
 
 /// What is written besides the rows.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone)]
 pub struct TableOptions {
     /// Write the per-step table.
     pub steps: bool,
@@ -41,6 +47,8 @@ pub struct TableOptions {
     pub metadata: Vec<(String, String)>,
     /// See [`DEFAULT_MAX_PART_ROWS`].
     pub max_part_rows: usize,
+    /// Calls to the file system that are to fail, in tests.
+    pub faults: Option<Arc<Faults>>,
 }
 
 impl Default for TableOptions {
@@ -50,6 +58,7 @@ impl Default for TableOptions {
             shard: 0,
             metadata: Vec::new(),
             max_part_rows: DEFAULT_MAX_PART_ROWS,
+            faults: None,
         }
     }
 }
@@ -58,42 +67,99 @@ impl Default for TableOptions {
 pub struct TableWriter {
     directory: PathBuf,
     options: TableOptions,
+    storage: Storage,
     group: Option<Group>,
     next: u32,
+    /// The recording whose rows are being written, and how many of its episodes are.
+    open: Option<OpenRecording>,
     empty: Batches,
+    /// Held until the writer is gone.
+    _lock: File,
 }
 
 impl TableWriter {
-    /// Makes the folders of the tables in `directory`.
+    /// Begins a run in `directory`, which must not hold another.
     ///
     /// # Errors
-    /// If they cannot be made.
+    /// See [`OutputDirectory::open`].
     pub fn create(directory: &Path, options: &TableOptions) -> Result<Self, TableError> {
+        OutputDirectory::open(directory, options, false)?.writer()
+    }
+
+    /// Writes on, from part group `next`.
+    pub(super) fn go_on(
+        directory: &Path,
+        options: &TableOptions,
+        storage: Storage,
+        next: u32,
+        open: Option<OpenRecording>,
+        lock: File,
+    ) -> Result<Self, TableError> {
         for table in tables(options) {
-            storage::create_folder(&directory.join(table.name()))?;
+            storage.create_folder(&directory.join(table.name()))?;
         }
         let empty = RowsBuilder::new(JointMode::Each, options.steps).finish();
         Ok(Self {
             directory: directory.to_owned(),
             options: options.clone(),
+            storage,
             group: None,
-            next: 0,
+            next,
+            open,
             empty,
+            _lock: lock,
         })
     }
 
-    /// Appends rows to all tables.
+    /// Appends rows to all tables; `marks` say which episodes and recordings they are, in order.
     ///
     /// # Errors
     /// If the file system refuses; what was committed before stays.
-    pub fn write(&mut self, batches: &Batches) -> Result<(), TableError> {
+    pub fn write(&mut self, batches: &Batches, marks: &[Mark]) -> Result<(), TableError> {
         let group = match &mut self.group {
             Some(group) => group,
-            none => none.insert(Group::create(&self.directory, &self.options, self.next)?),
+            none => none.insert(Group::create(
+                &self.storage,
+                &self.directory,
+                &self.options,
+                self.next,
+            )?),
         };
         group.write(batches)?;
+        for mark in marks {
+            match mark {
+                Mark::Episode(identity) => match &mut self.open {
+                    Some(open) if open.identity == *identity => open.n_episodes += 1,
+                    open => {
+                        *open = Some(OpenRecording {
+                            identity: identity.clone(),
+                            n_episodes: 1,
+                        });
+                    }
+                },
+                Mark::Recording(done) => {
+                    self.open = None;
+                    group.commit.recordings.push(done.clone());
+                }
+            }
+        }
         if group.n_rows >= self.options.max_part_rows {
-            self.close_group()?;
+            self.commit()?;
+        }
+        Ok(())
+    }
+
+    /// Makes what has been written so far count: the parts get their names, then a commit file names them.
+    ///
+    /// # Errors
+    /// If the file system refuses.
+    pub fn commit(&mut self) -> Result<(), TableError> {
+        if let Some(mut group) = self.group.take() {
+            group.commit.open.clone_from(&self.open);
+            let commit = group.commit()?;
+            let id = (self.options.shard, self.next);
+            commit::write_commit(&self.storage, &self.directory, id, &commit)?;
+            self.next += 1;
         }
         Ok(())
     }
@@ -105,19 +171,16 @@ impl TableWriter {
     pub fn finish(mut self) -> Result<(), TableError> {
         if self.next == 0 && self.group.is_none() {
             let empty = self.empty.clone();
-            self.write(&empty)?;
+            self.write(&empty, &[])?;
         }
-        self.close_group()?;
-        directory::mark_done(&self.directory)
+        self.commit()?;
+        directory::mark_done(&self.storage, &self.directory)
     }
+}
 
-    fn close_group(&mut self) -> Result<(), TableError> {
-        if let Some(group) = self.group.take() {
-            group.commit()?;
-            self.next += 1;
-        }
-        Ok(())
-    }
+/// Name of the part of a group, in each table.
+pub(super) fn part_name(shard: u32, number: u32) -> String {
+    format!("part-{shard:05}-{number:05}.parquet")
 }
 
 fn tables(options: &TableOptions) -> impl Iterator<Item = Table> + use<> {
@@ -131,15 +194,31 @@ fn tables(options: &TableOptions) -> impl Iterator<Item = Table> + use<> {
 struct Group {
     parts: Vec<Part>,
     n_rows: usize,
+    commit: Commit,
 }
 
 impl Group {
-    fn create(directory: &Path, options: &TableOptions, number: u32) -> Result<Self, TableError> {
-        let name = format!("part-{:05}-{number:05}.parquet", options.shard);
+    fn create(
+        storage: &Storage,
+        directory: &Path,
+        options: &TableOptions,
+        number: u32,
+    ) -> Result<Self, TableError> {
+        let name = part_name(options.shard, number);
         let parts = tables(options)
-            .map(|table| Part::create(directory, table, &name, options))
+            .map(|table| Part::create(storage, directory, table, &name, options))
             .collect::<Result<_, _>>()?;
-        Ok(Self { parts, n_rows: 0 })
+        let commit = Commit {
+            parts: tables(options)
+                .map(|table| format!("{}/{name}", table.name()))
+                .collect(),
+            ..Commit::default()
+        };
+        Ok(Self {
+            parts,
+            n_rows: 0,
+            commit,
+        })
     }
 
     fn write(&mut self, batches: &Batches) -> Result<(), TableError> {
@@ -155,13 +234,15 @@ impl Group {
         Ok(())
     }
 
-    fn commit(self) -> Result<(), TableError> {
-        self.parts.into_iter().try_for_each(Part::commit)
+    fn commit(self) -> Result<Commit, TableError> {
+        self.parts.into_iter().try_for_each(Part::commit)?;
+        Ok(self.commit)
     }
 }
 
 /// One file while it is written, under a temporary name that no `*.parquet` matches.
-struct Part {
+pub(super) struct Part {
+    storage: Storage,
     table: Table,
     path: PathBuf,
     temporary: PathBuf,
@@ -169,7 +250,8 @@ struct Part {
 }
 
 impl Part {
-    fn create(
+    pub(super) fn create(
+        storage: &Storage,
         directory: &Path,
         table: Table,
         name: &str,
@@ -177,10 +259,11 @@ impl Part {
     ) -> Result<Self, TableError> {
         let folder = directory.join(table.name());
         let temporary = folder.join(directory::temporary_name(name));
-        let file = storage::create(&temporary)?;
+        let file = storage.create(&temporary)?;
         let writer = ArrowWriter::try_new(file, table.schema(), Some(properties(table, options)))
             .map_err(TableError::parquet(&temporary))?;
         Ok(Self {
+            storage: storage.clone(),
             table,
             path: folder.join(name),
             temporary,
@@ -189,7 +272,14 @@ impl Part {
     }
 
     fn write(&mut self, batches: &Batches) -> Result<(), TableError> {
-        let (Some(writer), Some(batch)) = (&mut self.writer, batches.table(self.table)) else {
+        match batches.table(self.table) {
+            Some(batch) => self.write_batch(batch),
+            None => Ok(()),
+        }
+    }
+
+    pub(super) fn write_batch(&mut self, batch: &RecordBatch) -> Result<(), TableError> {
+        let Some(writer) = &mut self.writer else {
             return Ok(());
         };
         writer
@@ -203,14 +293,14 @@ impl Part {
         Ok(())
     }
 
-    fn commit(mut self) -> Result<(), TableError> {
+    pub(super) fn commit(mut self) -> Result<(), TableError> {
         let Some(writer) = self.writer.take() else {
             return Ok(());
         };
         let file = writer
             .into_inner()
             .map_err(TableError::parquet(&self.temporary))?;
-        storage::commit(file, &self.temporary, &self.path)
+        self.storage.commit(file, &self.temporary, &self.path)
     }
 }
 
@@ -218,7 +308,7 @@ impl Drop for Part {
     /// A part that was not committed leaves nothing behind.
     fn drop(&mut self) {
         // An error here has no one to be told to; the next run removes what is left.
-        let _best_effort = storage::remove(&self.temporary);
+        let _best_effort = std::fs::remove_file(&self.temporary);
     }
 }
 

@@ -5,14 +5,16 @@
     clippy::cast_possible_wrap,
     clippy::cast_sign_loss,
     clippy::many_single_char_names,
+    clippy::print_stderr,
     clippy::similar_names,
     clippy::type_complexity,
     clippy::too_many_lines,
-    reason = "a test may panic, its numbers are small and known, and the naive method keeps the paper's letters"
+    reason = "a test may panic, its numbers are small and known, a sweep tells its figures, and the naive method keeps the paper's letters"
 )]
 
 mod architecture;
 mod cli;
+mod durability;
 mod extraction_golden;
 mod extraction_properties;
 mod recording;

@@ -8,7 +8,7 @@ use arrow::array::{Array, AsArray, RecordBatch};
 use arrow::datatypes::{DataType, Float64Type, Int32Type, Int64Type, TimestampNanosecondType};
 use coact::extraction::{ExtractionParams, RawParams, extract};
 use coact::model::{Columns, Episode, EpisodeKey, Incomplete, JointMode, Outcome};
-use coact::tables::{RowsBuilder, Table, TableOptions, TableWriter, clear_own_files, holds_run};
+use coact::tables::{OutputDirectory, RowsBuilder, Table, TableOptions, TableWriter, holds_run};
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 
 /// All rows of one table, in the order of its parts.
@@ -79,7 +79,7 @@ fn write(
         let outcome = extract(episode, &params);
         let mut rows = RowsBuilder::new(mode, options.steps);
         rows.append_episode(episode, &outcome);
-        writer.write(&rows.finish()).unwrap();
+        writer.write(&rows.finish(), &[]).unwrap();
         outcomes.push(outcome);
     }
     writer.finish().unwrap();
@@ -387,8 +387,7 @@ fn files_that_are_not_ours_are_never_touched() {
     assert!(!holds_run(dir.path()).unwrap());
     write(dir.path(), JointMode::Each, &TableOptions::default(), &[]);
     assert!(holds_run(dir.path()).unwrap());
-    clear_own_files(dir.path()).unwrap();
-    assert!(!holds_run(dir.path()).unwrap());
+    OutputDirectory::open(dir.path(), &TableOptions::default(), true).unwrap();
     assert!(
         dir.path().join("notes.txt").is_file() && dir.path().join("steps/mine.parquet").is_file()
     );
@@ -405,7 +404,7 @@ fn a_writer_that_is_dropped_leaves_no_file() {
     let mut writer = TableWriter::create(dir.path(), &TableOptions::default()).unwrap();
     let mut rows = RowsBuilder::new(JointMode::Each, true);
     rows.append_episode(&episode, &outcome);
-    writer.write(&rows.finish()).unwrap();
+    writer.write(&rows.finish(), &[]).unwrap();
     drop(writer);
     for table in Table::ALL {
         assert_eq!(

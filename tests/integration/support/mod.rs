@@ -2,6 +2,7 @@
 
 pub(crate) mod naive;
 pub(crate) mod recording_builder;
+pub(crate) mod rows;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

@@ -1,0 +1,77 @@
+//! SIGINT and SIGTERM: a run stops within two seconds and leaves nothing half done.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicI32, Ordering};
+use std::time::Duration;
+
+use crate::pipeline::{Interrupt, remove_temporaries};
+
+/// How long a run may take to stop by itself, once asked.
+const PATIENCE: Duration = Duration::from_millis(1_500);
+
+/// Exit code of a process that a signal ended: 128 and the signal's number.
+const SIGNALLED: i32 = 128;
+
+/// What has been signalled.
+pub struct Signals {
+    received: Arc<AtomicI32>,
+}
+
+impl Signals {
+    /// Raises `interrupt` on the first signal. A run that does not stop in time is ended;
+    /// temporary files in `output` are removed before.
+    pub fn watch(interrupt: &Arc<Interrupt>, output: Option<PathBuf>) -> Self {
+        let received = Arc::new(AtomicI32::new(0));
+        #[cfg(unix)]
+        unix::watch(Arc::clone(interrupt), output, Arc::clone(&received));
+        #[cfg(not(unix))]
+        let _ = (interrupt, output);
+        Self { received }
+    }
+
+    /// 130 for SIGINT, 143 for SIGTERM.
+    pub fn exit_code(&self) -> u8 {
+        code(self.received.load(Ordering::Relaxed))
+    }
+}
+
+fn code(signal: i32) -> u8 {
+    u8::try_from(SIGNALLED + signal).unwrap_or(u8::MAX)
+}
+
+#[cfg(unix)]
+mod unix {
+    use super::{Arc, AtomicI32, Interrupt, Ordering, PATIENCE, PathBuf, code, remove_temporaries};
+
+    use signal_hook::consts::{SIGINT, SIGTERM};
+    use signal_hook::iterator::Signals as SignalStream;
+
+    pub(super) fn watch(
+        interrupt: Arc<Interrupt>,
+        output: Option<PathBuf>,
+        received: Arc<AtomicI32>,
+    ) {
+        // Without a handler a signal ends the process at once; the next run then clears up.
+        let Ok(mut signals) = SignalStream::new([SIGINT, SIGTERM]) else {
+            return;
+        };
+        std::thread::spawn(move || {
+            let Some(signal) = signals.forever().next() else {
+                return;
+            };
+            received.store(signal, Ordering::Relaxed);
+            interrupt.raise();
+            std::thread::sleep(PATIENCE);
+            end(signal, output);
+        });
+    }
+
+    #[expect(clippy::exit, reason = "the run did not stop in time")]
+    fn end(signal: i32, output: Option<PathBuf>) {
+        if let Some(output) = output {
+            remove_temporaries(&output);
+        }
+        std::process::exit(i32::from(code(signal)));
+    }
+}

@@ -1,0 +1,208 @@
+//! An output directory, locked, with what an earlier process of the same run has left in it.
+
+use std::collections::BTreeMap;
+use std::fs::{File, TryLockError};
+use std::io::{Read, Seek, Write};
+use std::path::{Path, PathBuf};
+
+use arrow::array::{AsArray, BooleanArray};
+use arrow::compute::filter_record_batch;
+use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
+
+use super::commit::{self, Commit, DoneRecording, OpenRecording, Run};
+use super::directory;
+use super::error::TableError;
+use super::schema::Table;
+use super::storage::Storage;
+use super::writer::{Part, TableOptions, TableWriter, part_name};
+
+/// An output directory that nobody else writes to, as long as this lives.
+#[derive(Debug)]
+pub struct OutputDirectory {
+    directory: PathBuf,
+    options: TableOptions,
+    storage: Storage,
+    commits: BTreeMap<u32, Commit>,
+    lock: File,
+}
+
+impl OutputDirectory {
+    /// Opens `directory` for the run that `options` describe, and removes what a process that was stopped left
+    /// unfinished. With `overwrite` it begins empty, else with what is committed.
+    ///
+    /// # Errors
+    /// [`TableError::AnotherRun`] if it holds a run with other parameters, [`TableError::Locked`] if another process
+    /// writes to it, or what the file system says.
+    pub fn open(
+        directory: &Path,
+        options: &TableOptions,
+        overwrite: bool,
+    ) -> Result<Self, TableError> {
+        let storage = Storage::new(options.faults.clone());
+        let run = Run::new(options.steps, &options.metadata);
+        if !overwrite {
+            // Refused before anything is made or locked: nothing of it is ours.
+            check_run(directory, &run)?;
+        }
+        storage.create_folder(&commit::commits_folder(directory))?;
+        let lock = lock(&storage, directory, options.shard)?;
+        if overwrite {
+            directory::clear(&storage, directory)?;
+        } else {
+            check_run(directory, &run)?;
+        }
+        storage.create_folder(&commit::commits_folder(directory))?;
+        let commits = commit::read_commits(directory, options.shard)?;
+        let committed: Vec<&str> = commits
+            .values()
+            .flat_map(|c| c.parts.iter().map(String::as_str))
+            .collect();
+        directory::clear_unfinished(&storage, directory, options.shard, &committed)?;
+        if commit::read_run(directory)?.is_none() {
+            commit::write_run(&storage, directory, &run)?;
+        }
+        Ok(Self {
+            directory: directory.to_owned(),
+            options: options.clone(),
+            storage,
+            commits,
+            lock,
+        })
+    }
+
+    /// Recordings whose rows are all there, by name.
+    pub fn done(&self) -> BTreeMap<&str, &DoneRecording> {
+        self.commits
+            .values()
+            .flat_map(|c| &c.recordings)
+            .map(|r| (&*r.identity.name, r))
+            .collect()
+    }
+
+    /// The recording in which the earlier process was stopped.
+    pub fn open_recording(&self) -> Option<&OpenRecording> {
+        let open = self.commits.values().next_back()?.open.as_ref()?;
+        let is_done = |c: &Commit| {
+            c.recordings
+                .iter()
+                .any(|r| r.identity.name == open.identity.name)
+        };
+        (!self.commits.values().any(is_done)).then_some(open)
+    }
+
+    /// Is the run marked as done?
+    pub fn is_complete(&self) -> bool {
+        directory::is_marked_done(&self.directory)
+    }
+
+    /// Takes out the rows of recordings that failed and are tried again.
+    ///
+    /// # Errors
+    /// If the file system refuses.
+    pub fn forget(&mut self, names: &[&str]) -> Result<(), TableError> {
+        for (number, commit) in &mut self.commits {
+            let is_forgotten = |r: &DoneRecording| names.contains(&&*r.identity.name);
+            if !commit.recordings.iter().any(is_forgotten) {
+                continue;
+            }
+            // Should this be cut short after the part, the commit still names them, and they are taken out again.
+            let name = part_name(self.options.shard, *number);
+            without_rows(&self.storage, &self.directory, &name, names, &self.options)?;
+            commit.recordings.retain(|r| !is_forgotten(r));
+            let id = (self.options.shard, *number);
+            commit::write_commit(&self.storage, &self.directory, id, commit)?;
+        }
+        Ok(())
+    }
+
+    /// Goes on writing behind what is committed.
+    ///
+    /// # Errors
+    /// If the file system refuses.
+    pub fn writer(self) -> Result<TableWriter, TableError> {
+        let open = self.open_recording().cloned();
+        let next = self.commits.keys().next_back().map_or(0, |last| last + 1);
+        directory::unmark_done(&self.storage, &self.directory)?;
+        TableWriter::go_on(
+            &self.directory,
+            &self.options,
+            self.storage,
+            next,
+            open,
+            self.lock,
+        )
+    }
+}
+
+/// Holds what is asked for against what the directory says of its run.
+fn check_run(directory: &Path, asked: &Run) -> Result<(), TableError> {
+    let another = |difference: String| TableError::AnotherRun {
+        directory: directory.to_owned(),
+        difference,
+    };
+    match commit::read_run(directory) {
+        Ok(Some(run)) if run == *asked => Ok(()),
+        Ok(Some(run)) => Err(another(run.difference(asked))),
+        Ok(None) if directory::holds_parts(directory)? => Err(another(
+            "there is nothing that says with which parameters".to_owned(),
+        )),
+        Ok(None) => Ok(()),
+        Err(e) => Err(another(format!("{e}: {}", e.cause()))),
+    }
+}
+
+/// A lock that the system releases when its holder ends, however that comes.
+fn lock(storage: &Storage, directory: &Path, shard: u32) -> Result<File, TableError> {
+    let path = directory
+        .join(commit::FOLDER)
+        .join(format!("lock-{shard:05}"));
+    let mut file = storage.open_lock(&path)?;
+    match file.try_lock() {
+        Ok(()) => {}
+        Err(TryLockError::WouldBlock) => {
+            let mut holder = String::new();
+            let _unknown: std::io::Result<usize> = (&file).take(32).read_to_string(&mut holder);
+            return Err(TableError::Locked {
+                directory: directory.to_owned(),
+                holder: holder.trim().to_owned(),
+            });
+        }
+        Err(TryLockError::Error(e)) => return Err(TableError::io("lock", &path)(e)),
+    }
+    // Only for the message that another process gives; the lock is what counts.
+    let _best_effort = file
+        .set_len(0)
+        .and_then(|()| file.rewind())
+        .and_then(|()| writeln!(file, "{}", std::process::id()));
+    Ok(file)
+}
+
+/// Writes a part of `recordings` again without the rows of some.
+fn without_rows(
+    storage: &Storage,
+    directory: &Path,
+    name: &str,
+    names: &[&str],
+    options: &TableOptions,
+) -> Result<(), TableError> {
+    let path = directory.join(Table::Recordings.name()).join(name);
+    let parquet = TableError::parquet(&path);
+    let file = File::open(&path).map_err(TableError::io("open", &path))?;
+    let batches = ParquetRecordBatchReaderBuilder::try_new(file)
+        .and_then(ParquetRecordBatchReaderBuilder::build)
+        .map_err(parquet)?;
+    let mut part = Part::create(storage, directory, Table::Recordings, name, options)?;
+    for batch in batches {
+        let kept = batch.and_then(|batch| {
+            let recordings = batch.column(0).as_string::<i32>();
+            let keep: BooleanArray = recordings
+                .iter()
+                .map(|name| Some(name.is_none_or(|name| !names.contains(&name))))
+                .collect();
+            filter_record_batch(&batch, &keep)
+        });
+        let kept = kept.map_err(|e| TableError::parquet(&path)(e.into()))?;
+        part.write_batch(&kept)?;
+    }
+    part.commit()
+}
