@@ -27,11 +27,14 @@ use crate::model::JointMode;
 /// Rows of `steps` (of `segments` and `episodes` without it) after which a part group is cut.
 pub const DEFAULT_MAX_PART_ROWS: usize = 4 << 20;
 
-/// Rows of a row group.
-const ROW_GROUP_ROWS: usize = 1 << 20;
+/// Rows of a row group: a million would be read no faster, and is held in memory until it is complete.
+const ROW_GROUP_ROWS: usize = 128 << 10;
 
-/// Encoded bytes of a row group after which it is closed: long lists of actions must not fill the memory.
-const ROW_GROUP_BYTES: usize = 64 << 20;
+/// Memory of a row group, bytes, at which it is closed: long lists of actions must not fill the memory.
+const ROW_GROUP_BYTES: usize = 2 << 20;
+
+/// The same for the per-step table, whose rows are many and narrow.
+const STEPS_ROW_GROUP_BYTES: usize = 6 << 20;
 
 /// zstd level: beyond it parts become hardly smaller and much slower to write.
 const ZSTD_LEVEL: i32 = 3;
@@ -285,7 +288,11 @@ impl Part {
         writer
             .write(batch)
             .map_err(TableError::parquet(&self.temporary))?;
-        if writer.in_progress_size() >= ROW_GROUP_BYTES {
+        let limit = match self.table {
+            Table::Steps => STEPS_ROW_GROUP_BYTES,
+            _ => ROW_GROUP_BYTES,
+        };
+        if writer.memory_size() >= limit {
             writer
                 .flush()
                 .map_err(TableError::parquet(&self.temporary))?;

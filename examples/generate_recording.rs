@@ -1,0 +1,192 @@
+//! Writes a recording for benchmarks: 128 state columns, half of them small integers and half floats of 17 digits, one
+//! action, episodes of 2,000 steps, chunks of 1 MiB in zstd.
+//!
+//! ```sh
+//! cargo run --release --example generate_recording -- json 1000 out.mcap    # about 1,000 MB of messages
+//! cargo run --release --example generate_recording -- cdr 1000 out.mcap     # read with the flags it prints
+//! ```
+#![expect(clippy::print_stdout, reason = "it tells how to read the file")]
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::fs::File;
+use std::io::BufWriter;
+
+use anyhow::{Context, Result, bail};
+use mcap::records::MessageHeader;
+use mcap::{Compression, WriteOptions, Writer};
+
+/// Columns of the state.
+const N_STATE_DIMS: usize = 128;
+
+/// Steps of an episode.
+const EPISODE_STEPS: u64 = 2_000;
+
+/// Nanoseconds between two steps, and between two episodes.
+const STEP_NANOS: u64 = 20_000_000;
+const PAUSE_NANOS: u64 = 10_000_000_000;
+
+/// Chunk size, bytes.
+const CHUNK: u64 = 1 << 20;
+
+const MULTI_ARRAY: &str = "MultiArrayLayout layout\nfloat64[] data\n\
+    ================================================================================\n\
+    MSG: std_msgs/MultiArrayLayout\nMultiArrayDimension[] dim\nuint32 data_offset\n\
+    ================================================================================\n\
+    MSG: std_msgs/MultiArrayDimension\nstring label\nuint32 size\nuint32 stride\n";
+
+fn main() -> Result<()> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let [encoding, megabytes, path] = arguments.as_slice() else {
+        bail!("usage: generate_recording json|cdr MEGABYTES FILE.mcap");
+    };
+    let n_bytes = megabytes.parse::<u64>().context("MEGABYTES")? * 1_000_000;
+    let file = BufWriter::new(File::create(path).context("FILE.mcap")?);
+    let writer = WriteOptions::new()
+        .compression(Some(Compression::Zstd))
+        .chunk_size(Some(CHUNK))
+        .create(file)?;
+    match encoding.as_str() {
+        "json" => json(writer, n_bytes),
+        "cdr" => cdr(writer, n_bytes),
+        other => bail!("{other:?} is neither json nor cdr"),
+    }
+}
+
+/// SplitMix64: the same file on every machine.
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// In 0..1, of 53 random bits.
+    fn unit(&mut self) -> f64 {
+        (self.next() >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
+/// One step: the action changes now and then, integers drift, floats are noise.
+struct Agent {
+    random: Random,
+    action: f64,
+    integers: Vec<u8>,
+}
+
+impl Agent {
+    fn new() -> Self {
+        Self {
+            random: Random(1),
+            action: 0.0,
+            integers: vec![128; N_STATE_DIMS / 2],
+        }
+    }
+
+    fn step(&mut self, state: &mut Vec<f64>) -> f64 {
+        if self.random.next().is_multiple_of(12) {
+            self.action = (self.random.next() % 6) as f64;
+        }
+        state.clear();
+        for integer in &mut self.integers {
+            let draw = self.random.next() % 8;
+            *integer = match draw {
+                0 => integer.wrapping_add(1),
+                1 => integer.wrapping_sub(1),
+                _ => *integer,
+            };
+            state.push(f64::from(*integer));
+        }
+        for _ in self.integers.len()..N_STATE_DIMS {
+            state.push(self.random.unit());
+        }
+        self.action
+    }
+}
+
+fn time_of(step: u64) -> u64 {
+    1_700_000_000_000_000_000 + step * STEP_NANOS + (step / EPISODE_STEPS) * PAUSE_NANOS
+}
+
+fn header(channel_id: u16, step: u64, log_time: u64) -> MessageHeader {
+    MessageHeader {
+        channel_id,
+        sequence: u32::try_from(step % (1 << 32)).unwrap_or(0),
+        log_time,
+        publish_time: log_time,
+    }
+}
+
+fn json(mut writer: Writer<BufWriter<File>>, n_bytes: u64) -> Result<()> {
+    let channel = writer.add_channel(0, "/step", "json", &BTreeMap::new())?;
+    let (mut agent, mut state, mut text, mut written, mut step) =
+        (Agent::new(), Vec::new(), String::new(), 0, 0);
+    while written < n_bytes || step % EPISODE_STEPS != 0 {
+        let action = agent.step(&mut state);
+        let (episode, number) = (step / EPISODE_STEPS, step % EPISODE_STEPS);
+        text.clear();
+        write!(
+            text,
+            "{{\"episode\":{episode},\"step\":{number},\"action\":[{action}],\"state\":["
+        )?;
+        for (i, value) in state.iter().enumerate() {
+            let separator = if i == 0 { "" } else { "," };
+            write!(text, "{separator}{value}")?;
+        }
+        let ended = number + 1 == EPISODE_STEPS;
+        write!(text, "],\"reward\":1,\"terminated\":{ended}}}")?;
+        writer.write_to_known_channel(&header(channel, step, time_of(step)), text.as_bytes())?;
+        written += text.len() as u64;
+        step += 1;
+    }
+    writer.finish()?;
+    println!("{step} steps, {written} bytes of messages; coact extract FILE -o out");
+    Ok(())
+}
+
+/// A `std_msgs/Float64MultiArray` with an empty layout.
+fn multi_array(values: &[f64], message: &mut Vec<u8>) -> Result<()> {
+    message.clear();
+    message.extend([0, 1, 0, 0]);
+    // No dimensions, no offset; then the count, and padding to 8 behind the header.
+    message.extend([0; 8]);
+    message.extend(u32::try_from(values.len())?.to_le_bytes());
+    message.extend([0; 4]);
+    for value in values {
+        message.extend(value.to_le_bytes());
+    }
+    Ok(())
+}
+
+fn cdr(mut writer: Writer<BufWriter<File>>, n_bytes: u64) -> Result<()> {
+    let schema = writer.add_schema(
+        "std_msgs/msg/Float64MultiArray",
+        "ros2msg",
+        MULTI_ARRAY.as_bytes(),
+    )?;
+    let states = writer.add_channel(schema, "/state", "cdr", &BTreeMap::new())?;
+    let commands = writer.add_channel(schema, "/command", "cdr", &BTreeMap::new())?;
+    let (mut agent, mut state, mut message, mut written, mut step) =
+        (Agent::new(), Vec::new(), Vec::new(), 0, 0);
+    while written < n_bytes || step % EPISODE_STEPS != 0 {
+        let action = agent.step(&mut state);
+        multi_array(&state, &mut message)?;
+        written += message.len() as u64;
+        writer.write_to_known_channel(&header(states, step, time_of(step)), &message)?;
+        multi_array(&[action], &mut message)?;
+        written += message.len() as u64;
+        // The action is chosen from the state, and published a little after it.
+        let time = time_of(step) + 1_000_000;
+        writer.write_to_known_channel(&header(commands, step, time), &message)?;
+        step += 1;
+    }
+    writer.finish()?;
+    println!(
+        "{step} steps, {written} bytes of messages; coact extract FILE -o out --action /command:data --state /state:data --episodes gap:5"
+    );
+    Ok(())
+}
