@@ -9,6 +9,8 @@ use super::options::Align;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Held {
     pub(crate) time: i64,
+    /// When the oldest of its values came: joints may be shared out among messages.
+    pub(crate) oldest: i64,
     pub(crate) offset: u64,
 }
 
@@ -20,7 +22,7 @@ pub(crate) struct Track {
     /// The latest value of each joint, and when it came.
     merged: Vec<f64>,
     times: Vec<i64>,
-    /// The values that count now, with the time of the oldest of them.
+    /// The values that count now.
     current: Option<(Held, Vec<f64>)>,
     /// Values that will count, in the order of time.
     queue: VecDeque<(Held, Vec<f64>)>,
@@ -66,14 +68,14 @@ impl Track {
         if !self.is_complete() {
             return;
         }
-        let oldest = Held {
-            time: self.times.iter().copied().min().unwrap_or(held.time),
+        let held = Held {
+            oldest: self.times.iter().copied().min().unwrap_or(held.time),
             ..held
         };
         if align == Align::Before
             && let Some((at, current)) = &mut self.current
         {
-            *at = oldest;
+            *at = held;
             current.copy_from_slice(&self.merged);
             return;
         }
@@ -81,9 +83,9 @@ impl Track {
         buffer.clear();
         buffer.extend_from_slice(&self.merged);
         if align == Align::Before {
-            self.current = Some((oldest, buffer));
+            self.current = Some((held, buffer));
         } else {
-            self.queue.push_back((oldest, buffer));
+            self.queue.push_back((held, buffer));
         }
     }
 
@@ -141,7 +143,7 @@ impl Track {
     /// Is the current message older, or newer, than may be?
     pub(crate) fn is_outside(&self, oldest: Option<i64>, newest: Option<i64>) -> bool {
         self.current.as_ref().is_some_and(|(held, _)| {
-            oldest.is_some_and(|oldest| held.time < oldest)
+            oldest.is_some_and(|oldest| held.oldest < oldest)
                 || newest.is_some_and(|newest| held.time > newest)
         })
     }

@@ -382,7 +382,11 @@ impl Timeline {
         self.released = Some(time.max(self.released.unwrap_or(time)));
         self.n_used += u64::from(counts);
         if let What::Held { source } = what {
-            let held = Held { time, offset };
+            let held = Held {
+                time,
+                oldest: time,
+                offset,
+            };
             self.tracks[source].hold(held, values, self.align, &mut self.pool);
         } else {
             let mut buffer = self.pool.pop().unwrap_or_default();
