@@ -24,8 +24,8 @@ pub(crate) struct Track {
     times: Vec<i64>,
     /// The values that count now.
     current: Option<(Held, Vec<f64>)>,
-    /// Values that will count, in the order of time.
-    queue: VecDeque<(Held, Vec<f64>)>,
+    /// Values that will count, in the order of time; `None` stands for a message that cannot be used.
+    queue: VecDeque<Option<(Held, Vec<f64>)>>,
 }
 
 impl Track {
@@ -85,8 +85,13 @@ impl Track {
         if align == Align::Before {
             self.current = Some((held, buffer));
         } else {
-            self.queue.push_back((held, buffer));
+            self.queue.push_back(Some((held, buffer)));
         }
+    }
+
+    /// Takes a message that cannot be used, but for its position.
+    pub(crate) fn hold_nothing(&mut self) {
+        self.queue.push_back(None);
     }
 
     /// Is it settled which message counts at `time`? Everything up to `now` has come.
@@ -108,11 +113,11 @@ impl Track {
     pub(crate) fn advance(&mut self, time: i64, align: Align) {
         match align {
             Align::Before => {}
-            Align::Index => self.current = self.queue.pop_front(),
+            Align::Index => self.current = self.queue.pop_front().flatten(),
             Align::Nearest => {
                 self.pass(time);
                 let distance = |held: &Held| held.time.saturating_sub(time).saturating_abs();
-                if let Some((next, values)) = self.queue.front()
+                if let Some(Some((next, values))) = self.queue.front()
                     && self
                         .current
                         .as_ref()
@@ -130,9 +135,10 @@ impl Track {
         while self
             .queue
             .front()
+            .and_then(Option::as_ref)
             .is_some_and(|(held, _)| held.time <= time)
         {
-            self.current = self.queue.pop_front();
+            self.current = self.queue.pop_front().flatten();
         }
     }
 
@@ -157,7 +163,8 @@ impl Track {
 
     /// Messages that no action came for, and where the first of them stood.
     pub(crate) fn left(&self) -> (u64, u64) {
-        let first = self.queue.front().map_or(0, |(held, _)| held.offset);
-        (self.queue.len() as u64, first)
+        let mut left = self.queue.iter().flatten().map(|(held, _)| held.offset);
+        let first = left.next();
+        (first.map_or(0, |_| 1 + left.count() as u64), first.unwrap_or(0))
     }
 }

@@ -395,6 +395,7 @@ impl Ingest {
                 timeline.bad_action(meta, &cause, at);
             } else {
                 self.tally.refuse(&cause, place.offset);
+                timeline.bad_held(index, at);
             }
             return Ok(());
         }
@@ -404,9 +405,12 @@ impl Ingest {
             }
             *may_hold_all = false;
         }
-        if !put(timeline, index, source, at) {
+        if source.uses.contains(&Use::Held) && !timeline.fits(index, &source.ends) {
             let cause = "state has another width than in its first message";
             self.tally.refuse(cause, place.offset);
+            timeline.bad_held(index, at);
+        } else {
+            put(timeline, index, source, at);
         }
         let mut out = Output {
             episodes: &mut self.episodes,
@@ -480,10 +484,9 @@ impl Ingest {
     }
 }
 
-/// Puts a message of a source on the timeline, for each of its uses; false if its values are not as wide as before.
-fn put(timeline: &mut Timeline, index: usize, source: &Source, mut at: At) -> bool {
+/// Puts a message of a source on the timeline, for each of its uses.
+fn put(timeline: &mut Timeline, index: usize, source: &Source, mut at: At) {
     let meta = Meta::of(&source.row);
-    let mut fits = true;
     for used in &source.uses {
         match used {
             Use::Marker => timeline.marker(at),
@@ -491,7 +494,7 @@ fn put(timeline: &mut Timeline, index: usize, source: &Source, mut at: At) -> bo
             Use::Done if at.counts => timeline.of_use(),
             Use::Done => {}
             Use::Id => timeline.id(meta.id, at),
-            Use::Held => fits = timeline.held(index, &source.values, &source.ends, at),
+            Use::Held => timeline.held(index, &source.values, at),
             Use::Clock => {
                 if !timeline.action(meta, &source.values, &source.ends, at) {
                     let cause = "action has another width than in its first message";
@@ -502,7 +505,6 @@ fn put(timeline: &mut Timeline, index: usize, source: &Source, mut at: At) -> bo
         // One message counts once, however many uses it has.
         at.counts = false;
     }
-    fits
 }
 
 /// Puts the values that are there over those that were; false while some never came.

@@ -27,6 +27,7 @@ pub(crate) const BEFORE_ALL_JOINTS: &str = "step before every joint of its actio
 const TOO_OLD: &str = "step without a state within --max-age";
 const TOO_LATE: &str = "message further out of the order of time than is held back";
 const NO_INDEX: &str = "no state of its index";
+const SHIFTED: &str = "positions no longer pair: messages in front are lost";
 const NO_ACTION: &str = "state without an action of its index";
 
 /// Which part of a step comes from where: the values of one selector of one source.
@@ -69,6 +70,10 @@ enum What {
     Held {
         source: usize,
     },
+    /// A message of an aligned topic that cannot be used; its position is taken all the same.
+    BadHeld {
+        source: usize,
+    },
     Id(LoggedId),
     Action(OwnedMeta),
     BadAction {
@@ -86,7 +91,7 @@ impl What {
     fn rank(&self) -> u8 {
         match self {
             Self::Marker => 0,
-            Self::Held { .. } | Self::Id(_) => 1,
+            Self::Held { .. } | Self::BadHeld { .. } | Self::Id(_) => 1,
             Self::Action(_) | Self::BadAction { .. } => 2,
             Self::Done => 3,
             Self::Loss(_) => 4,
@@ -166,6 +171,8 @@ pub(crate) struct Timeline {
     marked: bool,
     last_action: Option<i64>,
     id: Option<LoggedId>,
+    /// Messages are lost: which state has the position of an action is not known any more.
+    is_shifted: bool,
     n_used: u64,
     action: Vec<f64>,
     state: Vec<f64>,
@@ -199,6 +206,7 @@ impl Timeline {
             marked: false,
             last_action: None,
             id: None,
+            is_shifted: false,
             n_used: 0,
             action: Vec::new(),
             state: Vec::new(),
@@ -215,13 +223,26 @@ impl Timeline {
         self.n_used
     }
 
-    /// A message of an aligned topic. `ends` are where each selector's values end; false if they are not as before.
-    pub(crate) fn held(&mut self, source: usize, values: &[f64], ends: &[usize], at: At) -> bool {
-        if !self.tracks[source].fits(ends) {
-            return false;
-        }
+    /// Are the values of an aligned topic as wide as before? `ends` are where each selector's values end.
+    pub(crate) fn fits(&mut self, source: usize, ends: &[usize]) -> bool {
+        self.tracks[source].fits(ends)
+    }
+
+    /// A message of an aligned topic that fits.
+    pub(crate) fn held(&mut self, source: usize, values: &[f64], at: At) {
         self.event(What::Held { source }, values, at);
-        true
+    }
+
+    /// A message of an aligned topic that cannot be used. Where positions count, the action of its position has no
+    /// state, and those behind it keep theirs.
+    pub(crate) fn bad_held(&mut self, source: usize, at: At) {
+        if self.align == Align::Index && self.tracks.get(source).is_some() {
+            let at = At {
+                counts: false,
+                ..at
+            };
+            self.event(What::BadHeld { source }, &[], at);
+        }
     }
 
     /// A message of the clock; false if its values are not as wide as before.
@@ -373,7 +394,11 @@ impl Timeline {
         out: &mut Output<'_>,
     ) -> Result<(), RecordingError> {
         if self.released.is_some_and(|released| time < released) && !matches!(what, What::Loss(_)) {
-            out.tally.refuse(TOO_LATE, offset);
+            self.is_shifted = true;
+            // Of several events of one message one stands for it.
+            if counts || matches!(what, What::Action(_) | What::BadAction { .. }) {
+                out.tally.refuse(TOO_LATE, offset);
+            }
             if matches!(what, What::Action(_) | What::BadAction { .. }) {
                 out.episodes.drop_step();
             }
@@ -388,6 +413,8 @@ impl Timeline {
                 offset,
             };
             self.tracks[source].hold(held, values, self.align, &mut self.pool);
+        } else if let What::BadHeld { source } = what {
+            self.tracks[source].hold_nothing();
         } else {
             let mut buffer = self.pool.pop().unwrap_or_default();
             buffer.clear();
@@ -445,7 +472,10 @@ impl Timeline {
             }
             What::Done => out.episodes.cut(out.common, out.tally),
             What::Id(id) => self.id = Some(id),
-            What::Loss(cause) => out.episodes.lose(&cause),
+            What::Loss(cause) => {
+                self.is_shifted = true;
+                out.episodes.lose(&cause);
+            }
             What::BadAction { meta, cause } => {
                 self.cut_at_gap(time, out);
                 if self.align == Align::Index {
@@ -465,7 +495,7 @@ impl Timeline {
                 self.id = id;
                 result?;
             }
-            What::Held { .. } => {}
+            What::Held { .. } | What::BadHeld { .. } => {}
         }
         self.pool.push(values);
         Ok(())
@@ -499,6 +529,8 @@ impl Timeline {
         let newest = self.max_age.map(|age| time.saturating_add(age));
         let reason = if self.needs_marker && !self.marked {
             Some(BEFORE_FIRST_MARKER)
+        } else if self.is_shifted && align == Align::Index && self.tracks.len() > 1 {
+            Some(SHIFTED)
         } else if self.tracks[1..].iter().any(|t| !t.has_value()) {
             Some(if align == Align::Index {
                 NO_INDEX
@@ -515,9 +547,8 @@ impl Timeline {
         } else {
             None
         };
-        if reason == Some(NO_INDEX) {
-            out.episodes
-                .bad(meta, NO_INDEX, place, out.common, out.tally);
+        if let Some(cause) = reason.filter(|r| [NO_INDEX, SHIFTED].contains(r)) {
+            out.episodes.bad(meta, cause, place, out.common, out.tally);
             return Ok(());
         }
         if let Some(reason) = reason {
