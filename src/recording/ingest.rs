@@ -345,7 +345,8 @@ impl Ingest {
         let values = if source.holds {
             if !hold(&mut self.held, &source.values) {
                 self.tally.refuse(BEFORE_ALL_JOINTS, place.offset);
-                self.episodes.drop_step();
+                self.episodes
+                    .drop_step(meta, &self.common, &mut self.tally);
                 return Ok(());
             }
             &self.held

@@ -399,8 +399,13 @@ impl Timeline {
             if counts || matches!(what, What::Action(_) | What::BadAction { .. }) {
                 out.tally.refuse(TOO_LATE, offset);
             }
-            if matches!(what, What::Action(_) | What::BadAction { .. }) {
-                out.episodes.drop_step();
+            if let What::Action(meta) | What::BadAction { meta, .. } = what {
+                // Where its end was has passed.
+                let meta = Meta {
+                    ended: false,
+                    ..meta.as_meta(self.id.as_ref())
+                };
+                out.episodes.drop_step(meta, out.common, out.tally);
             }
             return Ok(());
         }
@@ -485,7 +490,13 @@ impl Timeline {
                 }
                 let id = self.id.take();
                 let meta = meta.as_meta(id.as_ref());
-                out.episodes.bad(meta, &cause, place, out.common, out.tally);
+                if self.is_before_first() {
+                    // It would not be used if it could be read: it spoils no episode.
+                    out.tally.refuse(&cause, offset);
+                    out.episodes.drop_step(meta, out.common, out.tally);
+                } else {
+                    out.episodes.bad(meta, &cause, place, out.common, out.tally);
+                }
                 self.id = id;
             }
             What::Action(meta) => {
@@ -499,6 +510,14 @@ impl Timeline {
         }
         self.pool.push(values);
         Ok(())
+    }
+
+    /// Has no episode begun, or no state come, that an action could belong to?
+    fn is_before_first(&self) -> bool {
+        let has_no_marker = self.needs_marker && !self.marked;
+        let has_no_state =
+            self.align == Align::Before && self.tracks[1..].iter().any(|t| !t.has_value());
+        has_no_marker || has_no_state
     }
 
     fn cut_at_gap(&mut self, time: i64, out: &mut Output<'_>) {
@@ -553,7 +572,7 @@ impl Timeline {
         }
         if let Some(reason) = reason {
             out.tally.refuse(reason, place.offset);
-            out.episodes.drop_step();
+            out.episodes.drop_step(meta, out.common, out.tally);
             return Ok(());
         }
         for (parts, buffer) in [
