@@ -301,6 +301,8 @@ impl Ingest {
             }
             None => match self.channels.channel(message.channel_id) {
                 Some(channel) if source.is_decoded() => {
+                    // What another channel's message of the topic said is not this one's.
+                    source.row.clear();
                     let schema = self.channels.schema(channel.schema_id);
                     Err(source.why_not(channel, schema, message.data))
                 }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use thiserror::Error;
 
 use super::decode::{
-    ABSENT, Access, DecodeError, Decoder, ExampleError, Field, Names, PlanError, Row, Value,
+    ABSENT, Access, DecodeError, Decoder, ExampleError, Field, Names, PlanError, Row, RowId, Value,
     Wanted, is_absent,
 };
 use super::names::{NameSets, NamesAt, names_of};
@@ -239,6 +239,13 @@ impl Source {
             self.row = Row::with_targets(&reader.targets);
         }
         reader.decoder.decode(data, &mut self.row)?;
+        // Asked for by name: a message without it, or a name mistyped, must not pass for "false" or "as before".
+        if self.extras.id.is_some() && self.row.id == RowId::None {
+            return Err(DecodeError::Missing("episode"));
+        }
+        if self.extras.done.is_some() && !self.row.has_end_field {
+            return Err(DecodeError::Missing("the end flag"));
+        }
         for (bind, (role, _)) in reader.binds.iter_mut().zip(&self.takes) {
             let is_like_first = bind.append(&self.row, role.label(), &mut self.values)?;
             self.has_other_names |= !is_like_first;
