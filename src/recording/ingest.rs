@@ -22,6 +22,8 @@ use super::tally::Tally;
 use super::timeline::{At, BEFORE_ALL_JOINTS, Output, Timeline};
 use super::wire::{Channel, Message, Metadata, Schema, WireError};
 
+const WITHOUT_TIME: &str = "message without a time that can be used";
+
 /// What is done with the messages of one channel of the current file.
 enum Route {
     Unwanted,
@@ -315,7 +317,12 @@ impl Ingest {
             Clock::Header if result.is_ok() => source.row.stamp(),
             Clock::Header => None,
         };
-        let result = result.map_err(|e| e.to_string());
+        let result = match result {
+            Ok(()) if logged.is_none() && self.options.clock == Clock::Header => {
+                Err(WITHOUT_TIME.to_owned())
+            }
+            result => result.map_err(|e| e.to_string()),
+        };
         let place = Place {
             offset,
             time: logged,
@@ -386,7 +393,7 @@ impl Ingest {
         let is_clock = source.uses.contains(&Use::Clock);
         let result = result.and_then(|()| match place.time {
             Some(_) => Ok(()),
-            None => Err("message without a time that can be used".to_owned()),
+            None => Err(WITHOUT_TIME.to_owned()),
         });
         let at = At {
             time: place.time.unwrap_or_else(|| timeline.newest()),
@@ -403,8 +410,8 @@ impl Ingest {
             return Ok(());
         }
         if is_clock && *may_hold_all {
-            if meta.id == IdRef::None && !meta.has_end_flag {
-                timeline.hold_all(self.options.limits.max_episode);
+            if meta.id != IdRef::None || meta.has_end_flag {
+                timeline.hold_less();
             }
             *may_hold_all = false;
         }

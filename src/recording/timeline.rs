@@ -218,6 +218,11 @@ impl Timeline {
         self.hold_bytes = bytes.max(REORDER_BYTES);
     }
 
+    /// It is several episodes.
+    pub(crate) fn hold_less(&mut self) {
+        self.hold_bytes = REORDER_BYTES;
+    }
+
     /// Messages of other topics than the action's that were of use.
     pub(crate) fn n_used(&self) -> u64 {
         self.n_used
