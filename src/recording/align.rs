@@ -165,6 +165,9 @@ impl Track {
     pub(crate) fn left(&self) -> (u64, u64) {
         let mut left = self.queue.iter().flatten().map(|(held, _)| held.offset);
         let first = left.next();
-        (first.map_or(0, |_| 1 + left.count() as u64), first.unwrap_or(0))
+        (
+            first.map_or(0, |_| 1 + left.count() as u64),
+            first.unwrap_or(0),
+        )
     }
 }

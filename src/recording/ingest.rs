@@ -128,10 +128,6 @@ impl Ingest {
         }
     }
 
-    pub(crate) fn set_survey(&mut self, survey: Survey) {
-        self.survey = Some(survey);
-    }
-
     /// What cannot be told from one message: read it all.
     fn survey(&mut self) -> Result<&Survey, RecordingError> {
         let survey = match self.survey.take() {
@@ -296,10 +292,14 @@ impl Ingest {
         let result = match reader {
             Some(reader) => {
                 let result = source.read(reader, message.data);
-                if source.has_other_names && self.survey.is_none() {
+                if !source.has_other_names || self.survey.is_some() {
+                    result
+                } else if self.episodes.n_given() == 0 {
                     return Err(RecordingError::OtherNames);
+                } else {
+                    source.keep_first_names(reader);
+                    source.read(reader, message.data)
                 }
-                result
             }
             None => match self.channels.channel(message.channel_id) {
                 Some(channel) if source.is_decoded() => {
@@ -354,8 +354,7 @@ impl Ingest {
         let values = if source.holds {
             if !hold(&mut self.held, &source.values) {
                 self.tally.refuse(BEFORE_ALL_JOINTS, place.offset);
-                self.episodes
-                    .drop_step(meta, &self.common, &mut self.tally);
+                self.episodes.drop_step(meta, &self.common, &mut self.tally);
                 return Ok(());
             }
             &self.held

@@ -87,9 +87,7 @@ impl OpenEpisode {
                         .to_owned(),
                 )
             } else if self.has_times != place.time.is_some() {
-                Some(
-                    "message without a time that can be used, or the only one with one".to_owned(),
-                )
+                Some("message without a time that can be used, or the only one with one".to_owned())
             } else {
                 None
             };

@@ -123,14 +123,10 @@ impl RecordingReader {
         Ok(())
     }
 
-    /// Joints are named otherwise than the first message let expect: reads all names, and starts over.
+    /// Joints are named otherwise than the first message let expect, and no episode is given out yet: reads all names,
+    /// and starts over.
     fn begin_again(&mut self) -> Result<(), RecordingError> {
         let survey = Survey::of(&self.files, &self.options.limits)?;
-        if self.ingest.episodes.n_given() > 0 {
-            // What is given out stands: messages that lack a joint are refused from here on.
-            self.ingest.set_survey(survey);
-            return Ok(());
-        }
         let name = Arc::clone(&self.ingest.common.recording);
         let (ingest, at, scanner) = begin(name, &self.files, &self.options, Some(survey))?;
         (self.ingest, self.at, self.scanner) = (ingest, at, scanner);
