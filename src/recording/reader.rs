@@ -9,7 +9,7 @@ use super::layout;
 use super::options::{OnDamage, ReadOptions};
 use super::plan::Plan;
 use super::scan::{Damage, Scanner, Sink};
-use super::survey::Survey;
+use super::survey::{self, Survey};
 use crate::model::{Cause, Episode, RecordingRow, RecordingStatus};
 
 /// One recording, read from front to back.
@@ -267,7 +267,7 @@ fn file_is_missing(
     file: &Path,
     e: &RecordingError,
 ) -> Result<(), RecordingError> {
-    let name = file.file_name().unwrap_or_default().to_string_lossy();
+    let name = survey::file_name(file);
     ingest.damage(Damage {
         cause: "file of a split recording cannot be read",
         what: &format!("its file {name:?} {e}"),

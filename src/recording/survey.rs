@@ -1,9 +1,10 @@
 //! A first reading of a whole recording: its topics, how many messages each has, one message of each, and the names
 //! that its messages carry. Made only where the layout must be found out, or joints be ordered by name.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::channels::Channels;
 use super::decode::{self, Access, Decoder, Field, Row, Value, Wanted};
@@ -51,19 +52,36 @@ const KEPT_DAMAGE: usize = 8;
 const LISTED_TOPICS: usize = 20;
 
 impl Survey {
-    /// Reads all files of a recording.
+    /// Reads all files of a recording; one of several may be missing.
     pub(crate) fn of(files: &[PathBuf], limits: &Limits) -> Result<Self, RecordingError> {
-        let mut surveyor = Surveyor::default();
+        let mut surveyor = Surveyor {
+            limits: *limits,
+            ..Surveyor::default()
+        };
+        let mut first_error = None;
+        let mut n_read = 0;
         for file in files {
-            let mut scanner = Scanner::open(file, limits)?;
+            let mut scanner = match Scanner::open(file, limits) {
+                Ok(scanner) => scanner,
+                Err(e) => {
+                    surveyor.note_damage(format!("its file {:?} {e}", file_name(file)));
+                    first_error.get_or_insert(e);
+                    continue;
+                }
+            };
+            n_read += 1;
             surveyor.channels = Channels::default();
             surveyor.readers.clear();
+            surveyor.file.clone_from(file);
             surveyor.bytes += scanner.bytes();
             while !scanner.is_done() {
                 scanner.step(&mut surveyor)?;
             }
         }
-        Ok(surveyor.finish())
+        match first_error {
+            Some(e) if n_read == 0 => Err(e),
+            _ => Ok(surveyor.finish()),
+        }
     }
 
     pub(crate) fn topic(&self, name: &str) -> Option<&Topic> {
@@ -127,8 +145,16 @@ struct NameReader {
     last: Vec<decode::Names>,
 }
 
+/// The name of a file, for errors about one of several.
+pub(crate) fn file_name(path: &Path) -> Cow<'_, str> {
+    path.file_name().unwrap_or_default().to_string_lossy()
+}
+
 #[derive(Default)]
 struct Surveyor {
+    limits: Limits,
+    /// The file that is being read.
+    file: PathBuf,
     channels: Channels,
     topics: BTreeMap<String, Topic>,
     /// By channel of the current file.
@@ -150,6 +176,22 @@ impl Surveyor {
         }
     }
 
+    /// Takes over from the summary of a damaged file what its data no longer defines.
+    fn rescue(&mut self) {
+        if self.n_damages == 0 || !self.channels.rescue(&self.file, &self.limits) {
+            return;
+        }
+        let channels: Vec<Channel> = self.channels.counted().map(|(c, _)| c.clone()).collect();
+        channels.iter().for_each(|channel| self.channel(channel));
+    }
+
+    fn note_damage(&mut self, what: String) {
+        self.n_damages += 1;
+        if self.damage.len() < KEPT_DAMAGE {
+            self.damage.push(what);
+        }
+    }
+
     fn channel(&mut self, channel: &Channel) {
         let topic = self.topics.entry(channel.topic.clone()).or_default();
         topic.name.clone_from(&channel.topic);
@@ -163,6 +205,9 @@ impl Surveyor {
     }
 
     fn message(&mut self, message: &Message<'_>) {
+        if self.channels.channel(message.channel_id).is_none() {
+            self.rescue();
+        }
         let Some(channel) = self.channels.channel(message.channel_id) else {
             return;
         };
@@ -220,11 +265,7 @@ impl Sink for Surveyor {
     }
 
     fn damage(&mut self, damage: Damage<'_>) -> Result<(), RecordingError> {
-        self.n_damages += 1;
-        if self.damage.len() < KEPT_DAMAGE {
-            self.damage
-                .push(format!("{} at offset {}", damage.what, damage.offset));
-        }
+        self.note_damage(format!("{} at offset {}", damage.what, damage.offset));
         Ok(())
     }
 }
