@@ -227,6 +227,11 @@ impl Episodes {
         self.loss = Some(cause.to_owned());
     }
 
+    /// What was lost before any episode opened.
+    pub(crate) fn take_loss(&mut self) -> Option<String> {
+        self.loss.take()
+    }
+
     /// Ends the open episode, if there is one; the next step begins another.
     pub(crate) fn cut(&mut self, common: &Common, tally: &mut Tally) {
         self.finish(common, tally);

@@ -150,8 +150,14 @@ impl Ingest {
                 Layout::choose(self.survey()?, &options).map_err(|undecided| undecided.error)?
             }
         };
-        let plan = Plan::new(layout, &options);
+        let mut plan = Plan::new(layout, &options);
+        let loss = self.episodes.take_loss();
         self.episodes = Episodes::new(options.limits, plan.rule);
+        if let Some((loss, timeline)) = loss.as_deref().zip(plan.timeline.as_mut()) {
+            timeline.loss(loss, 0);
+        } else if let Some(loss) = loss {
+            self.episodes.lose(&loss);
+        }
         self.plan = Some(plan);
         Ok(())
     }
