@@ -287,14 +287,11 @@ fn why_nothing(damage: Option<String>, causes: &[Cause], plan: Option<&Plan>) ->
     format!("no episode came out: {why}")
 }
 
-/// The members that messages of the clock have, for an error that misses one.
+/// The members that messages of each topic have, for an error that misses one.
 fn known_fields(plan: &Plan) -> String {
-    plan.sources
-        .first()
-        .filter(|s| !s.fields.is_empty())
-        .map_or(String::new(), |s| {
-            format!(" (fields of {}: {})", s.topic, s.fields.join(", "))
-        })
+    let known = plan.sources.iter().filter(|s| !s.fields.is_empty());
+    let listed = known.map(|s| format!(" (fields of {}: {})", s.topic, s.fields.join(", ")));
+    listed.collect::<Vec<_>>().concat()
 }
 
 /// Reads all files for damage alone.
