@@ -31,6 +31,8 @@ enum Route {
         source: usize,
         /// Made from the first message that can be read.
         reader: Option<Box<ChannelReader>>,
+        /// Why none of its messages can be, where those of another channel of the topic can.
+        refusal: Option<String>,
     },
 }
 
@@ -186,6 +188,7 @@ impl Ingest {
                 Route::Wanted {
                     source,
                     reader: None,
+                    refusal: None,
                 }
             }
         };
@@ -219,23 +222,46 @@ impl Ingest {
 
     /// Makes what reads the channel of a route, if that is still to be done and this message shows how.
     fn compile(&mut self, route: usize, message: &Message<'_>) -> Result<(), RecordingError> {
-        let (id, Route::Wanted { source, reader }) = &self.routes[route] else {
+        let (
+            id,
+            Route::Wanted {
+                source,
+                reader,
+                refusal,
+            },
+        ) = &self.routes[route]
+        else {
             return Ok(());
         };
         let (id, source) = (*id, *source);
         let Some(plan) = &self.plan else {
             return Ok(());
         };
-        if reader.is_some() || !plan.sources[source].is_decoded() {
+        if reader.is_some() || refusal.is_some() || !plan.sources[source].is_decoded() {
             return Ok(());
         }
         let Some(channel) = self.channels.channel(id).cloned() else {
             return Ok(());
         };
         let schema = self.channels.schema(channel.schema_id).cloned();
-        let made = self.reader_of(source, &channel, schema.as_ref(), message.data)?;
-        if let (Some(made), (_, Route::Wanted { reader, .. })) = (made, &mut self.routes[route]) {
-            *reader = Some(Box::new(made));
+        let is_read = plan.sources[source].is_read;
+        let made = self.reader_of(source, &channel, schema.as_ref(), message.data);
+        let (
+            _,
+            Route::Wanted {
+                reader, refusal, ..
+            },
+        ) = &mut self.routes[route]
+        else {
+            return Ok(());
+        };
+        match made {
+            Ok(made) => *reader = made.map(Box::new),
+            // A stray channel costs its own messages, not the recording.
+            Err(e @ (RecordingError::Encoding { .. } | RecordingError::Plan { .. })) if is_read => {
+                *refusal = Some(e.to_string());
+            }
+            Err(e) => return Err(e),
         }
         Ok(())
     }
@@ -289,8 +315,17 @@ impl Ingest {
         message: &Message<'_>,
         offset: u64,
     ) -> Result<(), RecordingError> {
-        let (Some(plan), (_, Route::Wanted { source, reader })) =
-            (&mut self.plan, &mut self.routes[route])
+        let (
+            Some(plan),
+            (
+                _,
+                Route::Wanted {
+                    source,
+                    reader,
+                    refusal,
+                },
+            ),
+        ) = (&mut self.plan, &mut self.routes[route])
         else {
             return Ok(());
         };
@@ -312,7 +347,10 @@ impl Ingest {
                     // What another channel's message of the topic said is not this one's.
                     source.row.clear();
                     let schema = self.channels.schema(channel.schema_id);
-                    Err(source.why_not(channel, schema, message.data))
+                    Err(match refusal {
+                        Some(refusal) => decode::DecodeError::WrongType(refusal.clone()),
+                        None => source.why_not(channel, schema, message.data),
+                    })
                 }
                 _ => Ok(()),
             },

@@ -70,6 +70,8 @@ pub(crate) struct Source {
     pub(crate) holds: bool,
     /// A message has other names than the first: only all messages together tell how they share the joints.
     pub(crate) has_other_names: bool,
+    /// A message of it could be read.
+    pub(crate) is_read: bool,
     /// What the first message of the topic says of the names of each selector.
     first_names: Vec<FirstNames>,
     /// What the values of each selector are called, once known.
@@ -100,7 +102,8 @@ enum Bind {
     /// As they are.
     All {
         target: usize,
-        /// The first message had a list of names, and it was empty: others may be full.
+        /// The first message had a list of names that was not one of these values: it was empty, or of something
+        /// else. Others may tell.
         may_be_named: bool,
     },
     /// Ordered by name.
@@ -167,6 +170,7 @@ impl Source {
             ends: Vec::new(),
             holds: false,
             has_other_names: false,
+            is_read: false,
             first_names: Vec::new(),
             names: Vec::new(),
         }
@@ -229,11 +233,17 @@ impl Source {
                     target
                 });
             let sets_at = |path: &[Access]| match sets {
-                Some(sets) => sets(path),
-                None => NameSets::of(example, path),
+                Some(sets) if !sets(path).first().is_empty() => sets(path),
+                _ => NameSets::of(example, path),
             };
-            let mut bind =
-                bind_values(&resolved, target, &sets_at, sets.is_some(), &mut self.holds);
+            let mut bind = bind_values(
+                &resolved,
+                target,
+                example,
+                &sets_at,
+                sets.is_some(),
+                &mut self.holds,
+            );
             if sets.is_none() {
                 match self.first_names.get(nth) {
                     Some(first) => bind.take_over(first),
@@ -246,6 +256,7 @@ impl Source {
         self.names = names;
         self.extras.want(&mut wanted, example)?;
         let decoder = Decoder::compile(channel, schema, &wanted, example)?;
+        self.is_read = true;
         Ok(ChannelReader {
             decoder,
             targets: labels,
@@ -313,10 +324,22 @@ fn fewest_values(path: &[Access]) -> usize {
     }
 }
 
+/// Numbers at and below a value.
+fn n_leaves(value: &Value) -> usize {
+    match value {
+        Value::Bool(_) | Value::Integer(_) | Value::Number(_) => 1,
+        Value::Bytes(bytes) => bytes.len(),
+        Value::List(items) => items.iter().map(n_leaves).sum(),
+        Value::Map(members) => members.iter().map(|(_, member)| n_leaves(member)).sum(),
+        Value::Null | Value::Text(_) => 0,
+    }
+}
+
 /// Decides how a selector's values are ordered.
 fn bind_values(
     resolved: &Resolved,
     target: usize,
+    example: &Value,
     sets: SetsAt<'_>,
     is_final: bool,
     holds: &mut bool,
@@ -328,7 +351,10 @@ fn bind_values(
         };
     };
     let sets = sets(&at.path);
-    if resolved.pick.is_none() && sets.first().is_empty() {
+    let n_names = sets.first().len();
+    let are_of_others =
+        !is_final && !at.in_objects && n_names != example.at(&resolved.values).map_or(0, n_leaves);
+    if resolved.pick.is_none() && (n_names == 0 || are_of_others) {
         return Bind::All {
             target,
             may_be_named: !is_final,
@@ -537,7 +563,7 @@ impl Bind {
                     names,
                     ..
                 } = &row.targets[*target];
-                if *may_be_named && names.len() > 0 {
+                if *may_be_named && names.len() == taken.len() {
                     return Ok(false);
                 }
                 if taken.iter().any(|&v| is_absent(v)) {

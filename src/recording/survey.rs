@@ -48,6 +48,9 @@ pub(crate) struct Topic {
 /// Sentences of damage that are kept.
 const KEPT_DAMAGE: usize = 8;
 
+/// Messages of a channel that are looked into until names are found in one, where lists are empty.
+const MAX_TRIES: u32 = 64;
+
 /// Most topics that an error lists.
 const LISTED_TOPICS: usize = 20;
 
@@ -72,6 +75,7 @@ impl Survey {
             n_read += 1;
             surveyor.channels = Channels::default();
             surveyor.readers.clear();
+            surveyor.n_tries.clear();
             surveyor.file.clone_from(file);
             surveyor.bytes += scanner.bytes();
             while !scanner.is_done() {
@@ -159,6 +163,8 @@ struct Surveyor {
     topics: BTreeMap<String, Topic>,
     /// By channel of the current file.
     readers: BTreeMap<u16, Option<NameReader>>,
+    /// By channel of the current file: messages that were looked into for names.
+    n_tries: BTreeMap<u16, u32>,
     names: Option<Names>,
     damage: Vec<String>,
     n_damages: u64,
@@ -182,7 +188,9 @@ impl Surveyor {
             return;
         }
         let channels: Vec<Channel> = self.channels.counted().map(|(c, _)| c.clone()).collect();
-        channels.iter().for_each(|channel| self.channel(channel));
+        for channel in &channels {
+            self.channel(channel);
+        }
     }
 
     fn note_damage(&mut self, what: String) {
@@ -220,7 +228,12 @@ impl Surveyor {
             match decode::example(channel, schema, message.data) {
                 Ok(example) => {
                     let reader = NameReader::new(channel, schema, &example);
-                    self.readers.insert(message.channel_id, reader);
+                    // A list that is empty now may have elements with names later on.
+                    let n_tries = self.n_tries.entry(message.channel_id).or_default();
+                    *n_tries += 1;
+                    if reader.is_some() || *n_tries == MAX_TRIES || !has_empty_list(&example) {
+                        self.readers.insert(message.channel_id, reader);
+                    }
                     topic.example.get_or_insert(example);
                 }
                 Err(e) => {
@@ -267,6 +280,14 @@ impl Sink for Surveyor {
     fn damage(&mut self, damage: Damage<'_>) -> Result<(), RecordingError> {
         self.note_damage(format!("{} at offset {}", damage.what, damage.offset));
         Ok(())
+    }
+}
+
+fn has_empty_list(value: &Value) -> bool {
+    match value {
+        Value::List(items) => items.is_empty(),
+        Value::Map(members) => members.iter().any(|(_, member)| has_empty_list(member)),
+        _ => false,
     }
 }
 
