@@ -11,10 +11,12 @@
     reason = "a test may panic, its numbers are small and known, and the naive method keeps the paper's letters"
 )]
 
+mod alignment;
 mod architecture;
 mod cli;
 mod extraction_golden;
 mod extraction_properties;
+mod layouts;
 mod recording;
 mod support;
 mod tables;
