@@ -9,6 +9,8 @@ use super::options::Align;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Held {
     pub(crate) time: i64,
+    /// When the oldest of its values came: joints may be shared out among messages.
+    pub(crate) oldest: i64,
     pub(crate) offset: u64,
 }
 
@@ -20,10 +22,10 @@ pub(crate) struct Track {
     /// The latest value of each joint, and when it came.
     merged: Vec<f64>,
     times: Vec<i64>,
-    /// The values that count now, with the time of the oldest of them.
+    /// The values that count now.
     current: Option<(Held, Vec<f64>)>,
-    /// Values that will count, in the order of time.
-    queue: VecDeque<(Held, Vec<f64>)>,
+    /// Values that will count, in the order of time; `None` stands for a message that cannot be used.
+    queue: VecDeque<Option<(Held, Vec<f64>)>>,
 }
 
 impl Track {
@@ -66,14 +68,14 @@ impl Track {
         if !self.is_complete() {
             return;
         }
-        let oldest = Held {
-            time: self.times.iter().copied().min().unwrap_or(held.time),
+        let held = Held {
+            oldest: self.times.iter().copied().min().unwrap_or(held.time),
             ..held
         };
         if align == Align::Before
             && let Some((at, current)) = &mut self.current
         {
-            *at = oldest;
+            *at = held;
             current.copy_from_slice(&self.merged);
             return;
         }
@@ -81,10 +83,15 @@ impl Track {
         buffer.clear();
         buffer.extend_from_slice(&self.merged);
         if align == Align::Before {
-            self.current = Some((oldest, buffer));
+            self.current = Some((held, buffer));
         } else {
-            self.queue.push_back((oldest, buffer));
+            self.queue.push_back(Some((held, buffer)));
         }
+    }
+
+    /// Takes a message that cannot be used, but for its position.
+    pub(crate) fn hold_nothing(&mut self) {
+        self.queue.push_back(None);
     }
 
     /// Is it settled which message counts at `time`? Everything up to `now` has come.
@@ -106,11 +113,11 @@ impl Track {
     pub(crate) fn advance(&mut self, time: i64, align: Align) {
         match align {
             Align::Before => {}
-            Align::Index => self.current = self.queue.pop_front(),
+            Align::Index => self.current = self.queue.pop_front().flatten(),
             Align::Nearest => {
                 self.pass(time);
                 let distance = |held: &Held| held.time.saturating_sub(time).saturating_abs();
-                if let Some((next, values)) = self.queue.front()
+                if let Some(Some((next, values))) = self.queue.front()
                     && self
                         .current
                         .as_ref()
@@ -128,9 +135,10 @@ impl Track {
         while self
             .queue
             .front()
+            .and_then(Option::as_ref)
             .is_some_and(|(held, _)| held.time <= time)
         {
-            self.current = self.queue.pop_front();
+            self.current = self.queue.pop_front().flatten();
         }
     }
 
@@ -141,7 +149,7 @@ impl Track {
     /// Is the current message older, or newer, than may be?
     pub(crate) fn is_outside(&self, oldest: Option<i64>, newest: Option<i64>) -> bool {
         self.current.as_ref().is_some_and(|(held, _)| {
-            oldest.is_some_and(|oldest| held.time < oldest)
+            oldest.is_some_and(|oldest| held.oldest < oldest)
                 || newest.is_some_and(|newest| held.time > newest)
         })
     }
@@ -155,7 +163,11 @@ impl Track {
 
     /// Messages that no action came for, and where the first of them stood.
     pub(crate) fn left(&self) -> (u64, u64) {
-        let first = self.queue.front().map_or(0, |(held, _)| held.offset);
-        (self.queue.len() as u64, first)
+        let mut left = self.queue.iter().flatten().map(|(held, _)| held.offset);
+        let first = left.next();
+        (
+            first.map_or(0, |_| 1 + left.count() as u64),
+            first.unwrap_or(0),
+        )
     }
 }

@@ -227,16 +227,31 @@ impl Episodes {
         self.loss = Some(cause.to_owned());
     }
 
+    /// What was lost before any episode opened.
+    pub(crate) fn take_loss(&mut self) -> Option<String> {
+        self.loss.take()
+    }
+
     /// Ends the open episode, if there is one; the next step begins another.
     pub(crate) fn cut(&mut self, common: &Common, tally: &mut Tally) {
         self.finish(common, tally);
     }
 
-    /// A step was read, and is not used.
-    pub(crate) fn drop_step(&mut self) {
-        match self.open.as_mut_slice() {
-            [only] => only.episode.drop_steps(1),
-            _ => self.n_dropped += 1,
+    /// A step was read, and is not used. It may be the one that ends its episode all the same.
+    pub(crate) fn drop_step(&mut self, meta: Meta<'_>, common: &Common, tally: &mut Tally) {
+        let is_one_of_many = self.rule == Some(EpisodeRule::Id);
+        let open = &mut self.open;
+        let index = open
+            .iter()
+            .position(|open| !is_one_of_many || open.id.is(meta.id));
+        match index {
+            Some(index) => open[index].episode.drop_steps(1),
+            None => self.n_dropped += 1,
+        }
+        if let (Some(index), true) = (index, meta.ended)
+            && self.rule.is_some_and(EpisodeRule::ends_by_flag)
+        {
+            self.close(index, common, tally);
         }
     }
 

@@ -22,6 +22,8 @@ use super::tally::Tally;
 use super::timeline::{At, BEFORE_ALL_JOINTS, Output, Timeline};
 use super::wire::{Channel, Message, Metadata, Schema, WireError};
 
+const WITHOUT_TIME: &str = "message without a time that can be used";
+
 /// What is done with the messages of one channel of the current file.
 enum Route {
     Unwanted,
@@ -29,6 +31,8 @@ enum Route {
         source: usize,
         /// Made from the first message that can be read.
         reader: Option<Box<ChannelReader>>,
+        /// Why none of its messages can be, where those of another channel of the topic can.
+        refusal: Option<String>,
     },
 }
 
@@ -126,10 +130,6 @@ impl Ingest {
         }
     }
 
-    pub(crate) fn set_survey(&mut self, survey: Survey) {
-        self.survey = Some(survey);
-    }
-
     /// What cannot be told from one message: read it all.
     fn survey(&mut self) -> Result<&Survey, RecordingError> {
         let survey = match self.survey.take() {
@@ -152,8 +152,14 @@ impl Ingest {
                 Layout::choose(self.survey()?, &options).map_err(|undecided| undecided.error)?
             }
         };
-        let plan = Plan::new(layout, &options);
+        let mut plan = Plan::new(layout, &options);
+        let loss = self.episodes.take_loss();
         self.episodes = Episodes::new(options.limits, plan.rule);
+        if let Some((loss, timeline)) = loss.as_deref().zip(plan.timeline.as_mut()) {
+            timeline.loss(loss, 0);
+        } else if let Some(loss) = loss {
+            self.episodes.lose(&loss);
+        }
         self.plan = Some(plan);
         Ok(())
     }
@@ -182,6 +188,7 @@ impl Ingest {
                 Route::Wanted {
                     source,
                     reader: None,
+                    refusal: None,
                 }
             }
         };
@@ -215,23 +222,46 @@ impl Ingest {
 
     /// Makes what reads the channel of a route, if that is still to be done and this message shows how.
     fn compile(&mut self, route: usize, message: &Message<'_>) -> Result<(), RecordingError> {
-        let (id, Route::Wanted { source, reader }) = &self.routes[route] else {
+        let (
+            id,
+            Route::Wanted {
+                source,
+                reader,
+                refusal,
+            },
+        ) = &self.routes[route]
+        else {
             return Ok(());
         };
         let (id, source) = (*id, *source);
         let Some(plan) = &self.plan else {
             return Ok(());
         };
-        if reader.is_some() || !plan.sources[source].is_decoded() {
+        if reader.is_some() || refusal.is_some() || !plan.sources[source].is_decoded() {
             return Ok(());
         }
         let Some(channel) = self.channels.channel(id).cloned() else {
             return Ok(());
         };
         let schema = self.channels.schema(channel.schema_id).cloned();
-        let made = self.reader_of(source, &channel, schema.as_ref(), message.data)?;
-        if let (Some(made), (_, Route::Wanted { reader, .. })) = (made, &mut self.routes[route]) {
-            *reader = Some(Box::new(made));
+        let is_read = plan.sources[source].is_read;
+        let made = self.reader_of(source, &channel, schema.as_ref(), message.data);
+        let (
+            _,
+            Route::Wanted {
+                reader, refusal, ..
+            },
+        ) = &mut self.routes[route]
+        else {
+            return Ok(());
+        };
+        match made {
+            Ok(made) => *reader = made.map(Box::new),
+            // A stray channel costs its own messages, not the recording.
+            Err(e @ (RecordingError::Encoding { .. } | RecordingError::Plan { .. })) if is_read => {
+                *refusal = Some(e.to_string());
+            }
+            Err(e) => return Err(e),
         }
         Ok(())
     }
@@ -285,8 +315,17 @@ impl Ingest {
         message: &Message<'_>,
         offset: u64,
     ) -> Result<(), RecordingError> {
-        let (Some(plan), (_, Route::Wanted { source, reader })) =
-            (&mut self.plan, &mut self.routes[route])
+        let (
+            Some(plan),
+            (
+                _,
+                Route::Wanted {
+                    source,
+                    reader,
+                    refusal,
+                },
+            ),
+        ) = (&mut self.plan, &mut self.routes[route])
         else {
             return Ok(());
         };
@@ -294,15 +333,24 @@ impl Ingest {
         let result = match reader {
             Some(reader) => {
                 let result = source.read(reader, message.data);
-                if source.has_other_names && self.survey.is_none() {
+                if !source.has_other_names || self.survey.is_some() {
+                    result
+                } else if self.episodes.n_given() == 0 {
                     return Err(RecordingError::OtherNames);
+                } else {
+                    source.keep_first_names(reader);
+                    source.read(reader, message.data)
                 }
-                result
             }
             None => match self.channels.channel(message.channel_id) {
                 Some(channel) if source.is_decoded() => {
+                    // What another channel's message of the topic said is not this one's.
+                    source.row.clear();
                     let schema = self.channels.schema(channel.schema_id);
-                    Err(source.why_not(channel, schema, message.data))
+                    Err(match refusal {
+                        Some(refusal) => decode::DecodeError::WrongType(refusal.clone()),
+                        None => source.why_not(channel, schema, message.data),
+                    })
                 }
                 _ => Ok(()),
             },
@@ -313,7 +361,12 @@ impl Ingest {
             Clock::Header if result.is_ok() => source.row.stamp(),
             Clock::Header => None,
         };
-        let result = result.map_err(|e| e.to_string());
+        let result = match result {
+            Ok(()) if logged.is_none() && self.options.clock == Clock::Header => {
+                Err(WITHOUT_TIME.to_owned())
+            }
+            result => result.map_err(|e| e.to_string()),
+        };
         let place = Place {
             offset,
             time: logged,
@@ -345,7 +398,7 @@ impl Ingest {
         let values = if source.holds {
             if !hold(&mut self.held, &source.values) {
                 self.tally.refuse(BEFORE_ALL_JOINTS, place.offset);
-                self.episodes.drop_step();
+                self.episodes.drop_step(meta, &self.common, &mut self.tally);
                 return Ok(());
             }
             &self.held
@@ -383,7 +436,7 @@ impl Ingest {
         let is_clock = source.uses.contains(&Use::Clock);
         let result = result.and_then(|()| match place.time {
             Some(_) => Ok(()),
-            None => Err("message without a time that can be used".to_owned()),
+            None => Err(WITHOUT_TIME.to_owned()),
         });
         let at = At {
             time: place.time.unwrap_or_else(|| timeline.newest()),
@@ -395,18 +448,22 @@ impl Ingest {
                 timeline.bad_action(meta, &cause, at);
             } else {
                 self.tally.refuse(&cause, place.offset);
+                timeline.bad_held(index, at);
             }
             return Ok(());
         }
         if is_clock && *may_hold_all {
-            if meta.id == IdRef::None && !meta.has_end_flag {
-                timeline.hold_all(self.options.limits.max_episode);
+            if meta.id != IdRef::None || meta.has_end_flag {
+                timeline.hold_less();
             }
             *may_hold_all = false;
         }
-        if !put(timeline, index, source, at) {
+        if source.uses.contains(&Use::Held) && !timeline.fits(index, &source.ends) {
             let cause = "state has another width than in its first message";
             self.tally.refuse(cause, place.offset);
+            timeline.bad_held(index, at);
+        } else {
+            put(timeline, index, source, at);
         }
         let mut out = Output {
             episodes: &mut self.episodes,
@@ -480,10 +537,9 @@ impl Ingest {
     }
 }
 
-/// Puts a message of a source on the timeline, for each of its uses; false if its values are not as wide as before.
-fn put(timeline: &mut Timeline, index: usize, source: &Source, mut at: At) -> bool {
+/// Puts a message of a source on the timeline, for each of its uses.
+fn put(timeline: &mut Timeline, index: usize, source: &Source, mut at: At) {
     let meta = Meta::of(&source.row);
-    let mut fits = true;
     for used in &source.uses {
         match used {
             Use::Marker => timeline.marker(at),
@@ -491,7 +547,7 @@ fn put(timeline: &mut Timeline, index: usize, source: &Source, mut at: At) -> bo
             Use::Done if at.counts => timeline.of_use(),
             Use::Done => {}
             Use::Id => timeline.id(meta.id, at),
-            Use::Held => fits = timeline.held(index, &source.values, &source.ends, at),
+            Use::Held => timeline.held(index, &source.values, at),
             Use::Clock => {
                 if !timeline.action(meta, &source.values, &source.ends, at) {
                     let cause = "action has another width than in its first message";
@@ -502,7 +558,6 @@ fn put(timeline: &mut Timeline, index: usize, source: &Source, mut at: At) -> bo
         // One message counts once, however many uses it has.
         at.counts = false;
     }
-    fits
 }
 
 /// Puts the values that are there over those that were; false while some never came.

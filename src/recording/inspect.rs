@@ -232,7 +232,7 @@ fn collect(
 }
 
 fn append_key(path: &mut String, key: &str) {
-    if key.is_empty() || key.contains(['.', '[']) {
+    if key.is_empty() || key.contains(['.', '[', ':']) {
         let _infallible = write!(path, "[\"{key}\"]");
         return;
     }

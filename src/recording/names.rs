@@ -47,6 +47,14 @@ pub(crate) fn names_of(root: &Value, path: &[Access]) -> Option<NamesAt> {
     })
 }
 
+/// Does `path` lead through an array of objects that is empty?
+pub(crate) fn is_below_nothing(root: &Value, path: &[Access]) -> bool {
+    (0..path.len()).any(|n| {
+        path[n..].iter().any(|a| matches!(a, Access::Key(_)))
+            && matches!(root.at(&path[..n]), Some(Value::List(items)) if items.is_empty())
+    })
+}
+
 /// How much of `path` leads to an array to whose elements a name applies.
 fn array_of_objects(root: &Value, path: &[Access]) -> Option<usize> {
     (0..path.len()).find(|&n| {

@@ -86,6 +86,8 @@ impl OpenEpisode {
                     "step number is missing where others have one, or the other way round"
                         .to_owned(),
                 )
+            } else if self.has_times != place.time.is_some() {
+                Some("message without a time that can be used, or the only one with one".to_owned())
             } else {
                 None
             };
@@ -112,7 +114,7 @@ impl OpenEpisode {
             }
             self.steps.push(number);
         }
-        self.has_times |= place.time.is_some();
+        self.has_times = place.time.is_some();
         self.times.push(place.time.unwrap_or(0));
         self.rewards.push(step.meta.reward.unwrap_or(f64::NAN));
         self.offsets.push(place.offset);

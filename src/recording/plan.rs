@@ -33,7 +33,7 @@ pub(crate) struct Plan {
     pub(crate) rule: Option<EpisodeRule>,
     /// None where each message is a whole step by itself.
     pub(crate) timeline: Option<Timeline>,
-    /// Should it turn out that the recording is one episode, all of it may be held back.
+    /// All is held back, until it turns out that the recording is several episodes.
     pub(crate) may_hold_all: bool,
     actions: Vec<Part>,
 }
@@ -63,7 +63,12 @@ impl Plan {
             let parts = (actions.clone(), states);
             Timeline::new(options, n_aligned, parts, gap, needs_marker)
         });
-        if let (Some(timeline), EpisodeOption::Recording) = (&mut timeline, &options.episodes) {
+        // Until the first action tells, the recording may be one episode: its states may all come first.
+        let may_be_one = [EpisodeOption::Auto, EpisodeOption::Recording];
+        if let Some(timeline) = timeline
+            .as_mut()
+            .filter(|_| may_be_one.contains(&options.episodes))
+        {
             timeline.hold_all(options.limits.max_episode);
         }
         Self {

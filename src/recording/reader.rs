@@ -9,7 +9,7 @@ use super::layout;
 use super::options::{OnDamage, ReadOptions};
 use super::plan::Plan;
 use super::scan::{Damage, Scanner, Sink};
-use super::survey::Survey;
+use super::survey::{self, Survey};
 use crate::model::{Cause, Episode, RecordingRow, RecordingStatus};
 
 /// Bytes of a file after which reading pauses even where no episode is complete, so that a run can show progress and
@@ -128,14 +128,10 @@ impl RecordingReader {
         Ok(())
     }
 
-    /// Joints are named otherwise than the first message let expect: reads all names, and starts over.
+    /// Joints are named otherwise than the first message let expect, and no episode is given out yet: reads all names,
+    /// and starts over.
     fn begin_again(&mut self) -> Result<(), RecordingError> {
         let survey = Survey::of(&self.files, &self.options.limits)?;
-        if self.ingest.episodes.n_given() > 0 {
-            // What is given out stands: messages that lack a joint are refused from here on.
-            self.ingest.set_survey(survey);
-            return Ok(());
-        }
         let name = Arc::clone(&self.ingest.common.recording);
         let (ingest, at, scanner) = begin(name, &self.files, &self.options, Some(survey))?;
         (self.ingest, self.at, self.scanner) = (ingest, at, scanner);
@@ -276,7 +272,7 @@ fn file_is_missing(
     file: &Path,
     e: &RecordingError,
 ) -> Result<(), RecordingError> {
-    let name = file.file_name().unwrap_or_default().to_string_lossy();
+    let name = survey::file_name(file);
     ingest.damage(Damage {
         cause: "file of a split recording cannot be read",
         what: &format!("its file {name:?} {e}"),
@@ -296,14 +292,11 @@ fn why_nothing(damage: Option<String>, causes: &[Cause], plan: Option<&Plan>) ->
     format!("no episode came out: {why}")
 }
 
-/// The members that messages of the clock have, for an error that misses one.
+/// The members that messages of each topic have, for an error that misses one.
 fn known_fields(plan: &Plan) -> String {
-    plan.sources
-        .first()
-        .filter(|s| !s.fields.is_empty())
-        .map_or(String::new(), |s| {
-            format!(" (fields of {}: {})", s.topic, s.fields.join(", "))
-        })
+    let known = plan.sources.iter().filter(|s| !s.fields.is_empty());
+    let listed = known.map(|s| format!(" (fields of {}: {})", s.topic, s.fields.join(", ")));
+    listed.collect::<Vec<_>>().concat()
 }
 
 /// Reads all files for damage alone.

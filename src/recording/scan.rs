@@ -40,6 +40,8 @@ pub(crate) struct Scanner {
     body: Vec<u8>,
     limits: Limits,
     in_summary: bool,
+    /// A chunk is lost, and told of.
+    has_lost_chunk: bool,
     done: bool,
 }
 
@@ -54,6 +56,7 @@ impl Scanner {
             body: Vec::new(),
             limits: *limits,
             in_summary: false,
+            has_lost_chunk: false,
             done: false,
         })
     }
@@ -183,7 +186,8 @@ impl Scanner {
             cause: "data section CRC does not match",
             what: &format!("data section CRC is {found:08x} where {declared:08x} is declared"),
             offset,
-            loses_messages: true,
+            // A chunk that is lost explains it, and has been reckoned with.
+            loses_messages: !self.has_lost_chunk,
         })
     }
 
@@ -198,6 +202,7 @@ impl Scanner {
             Ok(chunk) => chunk,
             Err(_) if !is_whole => return Ok(()),
             Err(e) => {
+                self.has_lost_chunk = true;
                 let what = format!("chunk {e}");
                 return sink.damage(lost_chunk(
                     "chunk record that cannot be read",
@@ -212,7 +217,10 @@ impl Scanner {
         }
         match self.inflater.inflate(&chunk, self.limits.max_chunk) {
             Ok(records) => records_of_chunk(records, offset, true, sink),
-            Err(e) => sink.damage(lost_chunk(e.cause(), &e.to_string(), offset)),
+            Err(e) => {
+                self.has_lost_chunk = true;
+                sink.damage(lost_chunk(e.cause(), &e.to_string(), offset))
+            }
         }
     }
 }

@@ -160,7 +160,7 @@ impl fmt::Display for Selector {
         write!(f, "{}:", self.topic)?;
         for (i, part) in self.path.iter().enumerate() {
             match part {
-                PathPart::Key(key) if key.contains(['.', '[']) || key.is_empty() => {
+                PathPart::Key(key) if key.contains(['.', '[', ':']) || key.is_empty() => {
                     write!(f, "[\"{key}\"]")?;
                 }
                 PathPart::Key(key) if i == 0 => f.write_str(key)?,
@@ -198,6 +198,7 @@ mod tests {
             "/step:action",
             "/joint_states:position[shoulder_pan]",
             "/command:points[0].positions",
+            "/odd:[\"a:b\"].c",
             "/t:a.b.c[3..6]",
             "/t:[2]",
             "/t:[\"a.b\"].c",

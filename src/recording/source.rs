@@ -6,10 +6,10 @@ use std::sync::Arc;
 use thiserror::Error;
 
 use super::decode::{
-    ABSENT, Access, DecodeError, Decoder, ExampleError, Field, Names, PlanError, Row, Value,
-    Wanted, is_absent,
+    ABSENT, Access, DecodeError, Decoder, ExampleError, Field, Names, PlanError, Row, RowId,
+    Target, Value, Wanted, is_absent,
 };
-use super::names::{NameSets, NamesAt, names_of};
+use super::names::{self, NameSets, NamesAt, names_of};
 use super::plan::{END_FIELDS, ID_FIELDS, Use};
 use super::selector::{PathPart, Selector};
 use super::wire::{Channel, Schema};
@@ -70,8 +70,21 @@ pub(crate) struct Source {
     pub(crate) holds: bool,
     /// A message has other names than the first: only all messages together tell how they share the joints.
     pub(crate) has_other_names: bool,
+    /// A message of it could be read.
+    pub(crate) is_read: bool,
+    /// What the first message of the topic says of the names of each selector.
+    first_names: Vec<FirstNames>,
     /// What the values of each selector are called, once known.
     pub(crate) names: Vec<Option<Arc<[Arc<str>]>>>,
+}
+
+/// The names that a first message has: every channel of its topic, in every file, is ordered by them.
+#[derive(Debug, Clone)]
+struct FirstNames {
+    /// Those of the selector's values; empty where the message names none.
+    of_values: Vec<String>,
+    /// All of them.
+    all: Vec<String>,
 }
 
 /// How the messages of one channel are read.
@@ -87,7 +100,12 @@ pub(crate) struct ChannelReader {
 #[derive(Debug)]
 enum Bind {
     /// As they are.
-    All { target: usize },
+    All {
+        target: usize,
+        /// The first message had a list of names that was not one of these values: it was empty, or of something
+        /// else. Others may tell.
+        may_be_named: bool,
+    },
     /// Ordered by name.
     Named {
         target: usize,
@@ -96,6 +114,8 @@ enum Bind {
         known: Option<Vec<String>>,
         /// The message must have all of them.
         strict: bool,
+        /// Each value comes with its own name, message by message.
+        in_objects: bool,
         cache: Permutation,
     },
 }
@@ -150,6 +170,8 @@ impl Source {
             ends: Vec::new(),
             holds: false,
             has_other_names: false,
+            is_read: false,
+            first_names: Vec::new(),
             names: Vec::new(),
         }
     }
@@ -192,8 +214,8 @@ impl Source {
         let mut labels: Vec<(&'static str, usize)> = Vec::new();
         let mut targets: Vec<Vec<Access>> = Vec::new();
         let mut binds = Vec::new();
-        self.names.clear();
-        for (role, selector) in &self.takes {
+        let mut names = Vec::new();
+        for (nth, (role, selector)) in self.takes.iter().enumerate() {
             let resolved = resolve(*role, selector, example)?;
             let known = targets.iter().position(|path| *path == resolved.values);
             // Selectors that pick by name from one array share its values.
@@ -211,15 +233,30 @@ impl Source {
                     target
                 });
             let sets_at = |path: &[Access]| match sets {
-                Some(sets) => sets(path),
-                None => NameSets::of(example, path),
+                Some(sets) if !sets(path).first().is_empty() => sets(path),
+                _ => NameSets::of(example, path),
             };
-            let bind = bind_values(&resolved, target, &sets_at, sets.is_some(), &mut self.holds);
-            self.names.push(bind.names());
+            let mut bind = bind_values(
+                &resolved,
+                target,
+                example,
+                &sets_at,
+                sets.is_some(),
+                &mut self.holds,
+            );
+            if sets.is_none() {
+                match self.first_names.get(nth) {
+                    Some(first) => bind.take_over(first),
+                    None => self.first_names.push(bind.first_names()),
+                }
+            }
+            names.push(bind.names());
             binds.push(bind);
         }
+        self.names = names;
         self.extras.want(&mut wanted, example)?;
         let decoder = Decoder::compile(channel, schema, &wanted, example)?;
+        self.is_read = true;
         Ok(ChannelReader {
             decoder,
             targets: labels,
@@ -239,12 +276,25 @@ impl Source {
             self.row = Row::with_targets(&reader.targets);
         }
         reader.decoder.decode(data, &mut self.row)?;
+        // Asked for by name: a message without it, or a name mistyped, must not pass for "false" or "as before".
+        if self.extras.id.is_some() && self.row.id == RowId::None {
+            return Err(DecodeError::Missing("episode"));
+        }
+        if self.extras.done.is_some() && !self.row.has_end_field {
+            return Err(DecodeError::Missing("the end flag"));
+        }
         for (bind, (role, _)) in reader.binds.iter_mut().zip(&self.takes) {
             let is_like_first = bind.append(&self.row, role.label(), &mut self.values)?;
             self.has_other_names |= !is_like_first;
             self.ends.push(self.values.len());
         }
         Ok(())
+    }
+
+    /// Episodes are given out that the first message's names ordered: a message that lacks one is bad from here on.
+    pub(crate) fn keep_first_names(&mut self, reader: &mut ChannelReader) {
+        self.has_other_names = false;
+        reader.binds.iter_mut().for_each(Bind::keep_first_names);
     }
 
     /// How many of `values` are of actions; the rest are of states.
@@ -274,20 +324,41 @@ fn fewest_values(path: &[Access]) -> usize {
     }
 }
 
+/// Numbers at and below a value.
+fn n_leaves(value: &Value) -> usize {
+    match value {
+        Value::Bool(_) | Value::Integer(_) | Value::Number(_) => 1,
+        Value::Bytes(bytes) => bytes.len(),
+        Value::List(items) => items.iter().map(n_leaves).sum(),
+        Value::Map(members) => members.iter().map(|(_, member)| n_leaves(member)).sum(),
+        Value::Null | Value::Text(_) => 0,
+    }
+}
+
 /// Decides how a selector's values are ordered.
 fn bind_values(
     resolved: &Resolved,
     target: usize,
+    example: &Value,
     sets: SetsAt<'_>,
     is_final: bool,
     holds: &mut bool,
 ) -> Bind {
     let Some(at) = &resolved.names else {
-        return Bind::All { target };
+        return Bind::All {
+            target,
+            may_be_named: false,
+        };
     };
     let sets = sets(&at.path);
-    if resolved.pick.is_none() && sets.first().is_empty() {
-        return Bind::All { target };
+    let n_names = sets.first().len();
+    let are_of_others =
+        !is_final && !at.in_objects && n_names != example.at(&resolved.values).map_or(0, n_leaves);
+    if resolved.pick.is_none() && (n_names == 0 || are_of_others) {
+        return Bind::All {
+            target,
+            may_be_named: !is_final,
+        };
     }
     let strict = !at.in_objects && !sets.are_shared_out();
     *holds |= !strict;
@@ -301,6 +372,7 @@ fn bind_values(
         known: (!is_final).then(|| sets.union()),
         names,
         strict,
+        in_objects: at.in_objects,
         cache: Permutation::default(),
     }
 }
@@ -321,6 +393,10 @@ fn resolve(role: Role, selector: &Selector, example: &Value) -> Result<Resolved,
                 _ => pick = Some(name.clone()),
             },
         }
+    }
+    if names::is_below_nothing(example, &values) {
+        // What its elements hold, and that they have names, the next message may tell.
+        return Err(DecodeError::Empty(role.label()).into());
     }
     let names = names_of(example, &values);
     if let Some(name) = &pick
@@ -413,6 +489,63 @@ impl Bind {
         }
     }
 
+    fn first_names(&self) -> FirstNames {
+        match self {
+            Self::All { .. } => FirstNames {
+                of_values: Vec::new(),
+                all: Vec::new(),
+            },
+            Self::Named { names, known, .. } => FirstNames {
+                of_values: names.clone(),
+                all: known.clone().unwrap_or_default(),
+            },
+        }
+    }
+
+    /// Orders by the names of the topic's first message, which was one of another channel.
+    fn take_over(&mut self, first: &FirstNames) {
+        if let Self::All {
+            target,
+            may_be_named: true,
+        } = *self
+            && !first.of_values.is_empty()
+        {
+            *self = Self::Named {
+                target,
+                names: first.of_values.clone(),
+                known: Some(first.all.clone()),
+                strict: true,
+                in_objects: false,
+                cache: Permutation::default(),
+            };
+        }
+        if let Self::Named { names, known, .. } = self
+            && known.is_some()
+        {
+            if !first.of_values.is_empty() {
+                names.clone_from(&first.of_values);
+            }
+            *known = Some(first.all.clone());
+        }
+    }
+
+    fn keep_first_names(&mut self) {
+        match self {
+            Self::All { may_be_named, .. } => *may_be_named = false,
+            Self::Named {
+                known,
+                strict,
+                in_objects,
+                cache,
+                ..
+            } => {
+                *known = None;
+                *strict |= !*in_objects;
+                *cache = Permutation::default();
+            }
+        }
+    }
+
     /// Appends the values of a message; false if it has other names than the first, and not all are known yet.
     fn append(
         &mut self,
@@ -421,8 +554,18 @@ impl Bind {
         values: &mut Vec<f64>,
     ) -> Result<bool, DecodeError> {
         match self {
-            Self::All { target } => {
-                let taken = &row.targets[*target].values;
+            Self::All {
+                target,
+                may_be_named,
+            } => {
+                let Target {
+                    values: taken,
+                    names,
+                    ..
+                } = &row.targets[*target];
+                if *may_be_named && names.len() == taken.len() {
+                    return Ok(false);
+                }
                 if taken.iter().any(|&v| is_absent(v)) {
                     return Err(DecodeError::Missing(label));
                 }
@@ -434,6 +577,7 @@ impl Bind {
                 known,
                 strict,
                 cache,
+                ..
             } => {
                 let target = &row.targets[*target];
                 if target.names.len() != target.values.len() {

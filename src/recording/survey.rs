@@ -1,9 +1,10 @@
 //! A first reading of a whole recording: its topics, how many messages each has, one message of each, and the names
 //! that its messages carry. Made only where the layout must be found out, or joints be ordered by name.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::channels::Channels;
 use super::decode::{self, Access, Decoder, Field, Row, Value, Wanted};
@@ -47,23 +48,44 @@ pub(crate) struct Topic {
 /// Sentences of damage that are kept.
 const KEPT_DAMAGE: usize = 8;
 
+/// Messages of a channel that are looked into until names are found in one, where lists are empty.
+const MAX_TRIES: u32 = 64;
+
 /// Most topics that an error lists.
 const LISTED_TOPICS: usize = 20;
 
 impl Survey {
-    /// Reads all files of a recording.
+    /// Reads all files of a recording; one of several may be missing.
     pub(crate) fn of(files: &[PathBuf], limits: &Limits) -> Result<Self, RecordingError> {
-        let mut surveyor = Surveyor::default();
+        let mut surveyor = Surveyor {
+            limits: *limits,
+            ..Surveyor::default()
+        };
+        let mut first_error = None;
+        let mut n_read = 0;
         for file in files {
-            let mut scanner = Scanner::open(file, limits)?;
+            let mut scanner = match Scanner::open(file, limits) {
+                Ok(scanner) => scanner,
+                Err(e) => {
+                    surveyor.note_damage(format!("its file {:?} {e}", file_name(file)));
+                    first_error.get_or_insert(e);
+                    continue;
+                }
+            };
+            n_read += 1;
             surveyor.channels = Channels::default();
             surveyor.readers.clear();
+            surveyor.n_tries.clear();
+            surveyor.file.clone_from(file);
             surveyor.bytes += scanner.bytes();
             while !scanner.is_done() {
                 scanner.step(&mut surveyor)?;
             }
         }
-        Ok(surveyor.finish())
+        match first_error {
+            Some(e) if n_read == 0 => Err(e),
+            _ => Ok(surveyor.finish()),
+        }
     }
 
     pub(crate) fn topic(&self, name: &str) -> Option<&Topic> {
@@ -127,12 +149,22 @@ struct NameReader {
     last: Vec<decode::Names>,
 }
 
+/// The name of a file, for errors about one of several.
+pub(crate) fn file_name(path: &Path) -> Cow<'_, str> {
+    path.file_name().unwrap_or_default().to_string_lossy()
+}
+
 #[derive(Default)]
 struct Surveyor {
+    limits: Limits,
+    /// The file that is being read.
+    file: PathBuf,
     channels: Channels,
     topics: BTreeMap<String, Topic>,
     /// By channel of the current file.
     readers: BTreeMap<u16, Option<NameReader>>,
+    /// By channel of the current file: messages that were looked into for names.
+    n_tries: BTreeMap<u16, u32>,
     names: Option<Names>,
     damage: Vec<String>,
     n_damages: u64,
@@ -150,6 +182,24 @@ impl Surveyor {
         }
     }
 
+    /// Takes over from the summary of a damaged file what its data no longer defines.
+    fn rescue(&mut self) {
+        if self.n_damages == 0 || !self.channels.rescue(&self.file, &self.limits) {
+            return;
+        }
+        let channels: Vec<Channel> = self.channels.counted().map(|(c, _)| c.clone()).collect();
+        for channel in &channels {
+            self.channel(channel);
+        }
+    }
+
+    fn note_damage(&mut self, what: String) {
+        self.n_damages += 1;
+        if self.damage.len() < KEPT_DAMAGE {
+            self.damage.push(what);
+        }
+    }
+
     fn channel(&mut self, channel: &Channel) {
         let topic = self.topics.entry(channel.topic.clone()).or_default();
         topic.name.clone_from(&channel.topic);
@@ -163,6 +213,9 @@ impl Surveyor {
     }
 
     fn message(&mut self, message: &Message<'_>) {
+        if self.channels.channel(message.channel_id).is_none() {
+            self.rescue();
+        }
         let Some(channel) = self.channels.channel(message.channel_id) else {
             return;
         };
@@ -175,7 +228,12 @@ impl Surveyor {
             match decode::example(channel, schema, message.data) {
                 Ok(example) => {
                     let reader = NameReader::new(channel, schema, &example);
-                    self.readers.insert(message.channel_id, reader);
+                    // A list that is empty now may have elements with names later on.
+                    let n_tries = self.n_tries.entry(message.channel_id).or_default();
+                    *n_tries += 1;
+                    if reader.is_some() || *n_tries == MAX_TRIES || !has_empty_list(&example) {
+                        self.readers.insert(message.channel_id, reader);
+                    }
                     topic.example.get_or_insert(example);
                 }
                 Err(e) => {
@@ -220,12 +278,16 @@ impl Sink for Surveyor {
     }
 
     fn damage(&mut self, damage: Damage<'_>) -> Result<(), RecordingError> {
-        self.n_damages += 1;
-        if self.damage.len() < KEPT_DAMAGE {
-            self.damage
-                .push(format!("{} at offset {}", damage.what, damage.offset));
-        }
+        self.note_damage(format!("{} at offset {}", damage.what, damage.offset));
         Ok(())
+    }
+}
+
+fn has_empty_list(value: &Value) -> bool {
+    match value {
+        Value::List(items) => items.is_empty(),
+        Value::Map(members) => members.iter().any(|(_, member)| has_empty_list(member)),
+        _ => false,
     }
 }
 

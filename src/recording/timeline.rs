@@ -27,6 +27,7 @@ pub(crate) const BEFORE_ALL_JOINTS: &str = "step before every joint of its actio
 const TOO_OLD: &str = "step without a state within --max-age";
 const TOO_LATE: &str = "message further out of the order of time than is held back";
 const NO_INDEX: &str = "no state of its index";
+const SHIFTED: &str = "positions no longer pair: messages in front are lost";
 const NO_ACTION: &str = "state without an action of its index";
 
 /// Which part of a step comes from where: the values of one selector of one source.
@@ -69,6 +70,10 @@ enum What {
     Held {
         source: usize,
     },
+    /// A message of an aligned topic that cannot be used; its position is taken all the same.
+    BadHeld {
+        source: usize,
+    },
     Id(LoggedId),
     Action(OwnedMeta),
     BadAction {
@@ -86,7 +91,7 @@ impl What {
     fn rank(&self) -> u8 {
         match self {
             Self::Marker => 0,
-            Self::Held { .. } | Self::Id(_) => 1,
+            Self::Held { .. } | Self::BadHeld { .. } | Self::Id(_) => 1,
             Self::Action(_) | Self::BadAction { .. } => 2,
             Self::Done => 3,
             Self::Loss(_) => 4,
@@ -166,6 +171,8 @@ pub(crate) struct Timeline {
     marked: bool,
     last_action: Option<i64>,
     id: Option<LoggedId>,
+    /// Messages are lost: which state has the position of an action is not known any more.
+    is_shifted: bool,
     n_used: u64,
     action: Vec<f64>,
     state: Vec<f64>,
@@ -199,6 +206,7 @@ impl Timeline {
             marked: false,
             last_action: None,
             id: None,
+            is_shifted: false,
             n_used: 0,
             action: Vec::new(),
             state: Vec::new(),
@@ -210,18 +218,36 @@ impl Timeline {
         self.hold_bytes = bytes.max(REORDER_BYTES);
     }
 
+    /// It is several episodes.
+    pub(crate) fn hold_less(&mut self) {
+        self.hold_bytes = REORDER_BYTES;
+    }
+
     /// Messages of other topics than the action's that were of use.
     pub(crate) fn n_used(&self) -> u64 {
         self.n_used
     }
 
-    /// A message of an aligned topic. `ends` are where each selector's values end; false if they are not as before.
-    pub(crate) fn held(&mut self, source: usize, values: &[f64], ends: &[usize], at: At) -> bool {
-        if !self.tracks[source].fits(ends) {
-            return false;
-        }
+    /// Are the values of an aligned topic as wide as before? `ends` are where each selector's values end.
+    pub(crate) fn fits(&mut self, source: usize, ends: &[usize]) -> bool {
+        self.tracks[source].fits(ends)
+    }
+
+    /// A message of an aligned topic that fits.
+    pub(crate) fn held(&mut self, source: usize, values: &[f64], at: At) {
         self.event(What::Held { source }, values, at);
-        true
+    }
+
+    /// A message of an aligned topic that cannot be used. Where positions count, the action of its position has no
+    /// state, and those behind it keep theirs.
+    pub(crate) fn bad_held(&mut self, source: usize, at: At) {
+        if self.align == Align::Index && self.tracks.get(source).is_some() {
+            let at = At {
+                counts: false,
+                ..at
+            };
+            self.event(What::BadHeld { source }, &[], at);
+        }
     }
 
     /// A message of the clock; false if its values are not as wide as before.
@@ -373,17 +399,32 @@ impl Timeline {
         out: &mut Output<'_>,
     ) -> Result<(), RecordingError> {
         if self.released.is_some_and(|released| time < released) && !matches!(what, What::Loss(_)) {
-            out.tally.refuse(TOO_LATE, offset);
-            if matches!(what, What::Action(_) | What::BadAction { .. }) {
-                out.episodes.drop_step();
+            self.is_shifted = true;
+            // Of several events of one message one stands for it.
+            if counts || matches!(what, What::Action(_) | What::BadAction { .. }) {
+                out.tally.refuse(TOO_LATE, offset);
+            }
+            if let What::Action(meta) | What::BadAction { meta, .. } = what {
+                // Where its end was has passed.
+                let meta = Meta {
+                    ended: false,
+                    ..meta.as_meta(self.id.as_ref())
+                };
+                out.episodes.drop_step(meta, out.common, out.tally);
             }
             return Ok(());
         }
         self.released = Some(time.max(self.released.unwrap_or(time)));
         self.n_used += u64::from(counts);
         if let What::Held { source } = what {
-            let held = Held { time, offset };
+            let held = Held {
+                time,
+                oldest: time,
+                offset,
+            };
             self.tracks[source].hold(held, values, self.align, &mut self.pool);
+        } else if let What::BadHeld { source } = what {
+            self.tracks[source].hold_nothing();
         } else {
             let mut buffer = self.pool.pop().unwrap_or_default();
             buffer.clear();
@@ -441,7 +482,10 @@ impl Timeline {
             }
             What::Done => out.episodes.cut(out.common, out.tally),
             What::Id(id) => self.id = Some(id),
-            What::Loss(cause) => out.episodes.lose(&cause),
+            What::Loss(cause) => {
+                self.is_shifted = true;
+                out.episodes.lose(&cause);
+            }
             What::BadAction { meta, cause } => {
                 self.cut_at_gap(time, out);
                 if self.align == Align::Index {
@@ -451,7 +495,13 @@ impl Timeline {
                 }
                 let id = self.id.take();
                 let meta = meta.as_meta(id.as_ref());
-                out.episodes.bad(meta, &cause, place, out.common, out.tally);
+                if self.is_before_first() {
+                    // It would not be used if it could be read: it spoils no episode.
+                    out.tally.refuse(&cause, offset);
+                    out.episodes.drop_step(meta, out.common, out.tally);
+                } else {
+                    out.episodes.bad(meta, &cause, place, out.common, out.tally);
+                }
                 self.id = id;
             }
             What::Action(meta) => {
@@ -461,10 +511,18 @@ impl Timeline {
                 self.id = id;
                 result?;
             }
-            What::Held { .. } => {}
+            What::Held { .. } | What::BadHeld { .. } => {}
         }
         self.pool.push(values);
         Ok(())
+    }
+
+    /// Has no episode begun, or no state come, that an action could belong to?
+    fn is_before_first(&self) -> bool {
+        let has_no_marker = self.needs_marker && !self.marked;
+        let has_no_state =
+            self.align == Align::Before && self.tracks[1..].iter().any(|t| !t.has_value());
+        has_no_marker || has_no_state
     }
 
     fn cut_at_gap(&mut self, time: i64, out: &mut Output<'_>) {
@@ -495,6 +553,8 @@ impl Timeline {
         let newest = self.max_age.map(|age| time.saturating_add(age));
         let reason = if self.needs_marker && !self.marked {
             Some(BEFORE_FIRST_MARKER)
+        } else if self.is_shifted && align == Align::Index && self.tracks.len() > 1 {
+            Some(SHIFTED)
         } else if self.tracks[1..].iter().any(|t| !t.has_value()) {
             Some(if align == Align::Index {
                 NO_INDEX
@@ -511,14 +571,13 @@ impl Timeline {
         } else {
             None
         };
-        if reason == Some(NO_INDEX) {
-            out.episodes
-                .bad(meta, NO_INDEX, place, out.common, out.tally);
+        if let Some(cause) = reason.filter(|r| [NO_INDEX, SHIFTED].contains(r)) {
+            out.episodes.bad(meta, cause, place, out.common, out.tally);
             return Ok(());
         }
         if let Some(reason) = reason {
             out.tally.refuse(reason, place.offset);
-            out.episodes.drop_step();
+            out.episodes.drop_step(meta, out.common, out.tally);
             return Ok(());
         }
         for (parts, buffer) in [

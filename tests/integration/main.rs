@@ -12,11 +12,13 @@
     reason = "a test may panic, its numbers are small and known, a sweep tells its figures, and the naive method keeps the paper's letters"
 )]
 
+mod alignment;
 mod architecture;
 mod cli;
 mod durability;
 mod extraction_golden;
 mod extraction_properties;
+mod layouts;
 mod recording;
 mod support;
 mod tables;

@@ -26,7 +26,7 @@ mod walk_error;
 use thiserror::Error;
 
 pub(crate) use plan::{Access, Field, Node, Wanted};
-pub(crate) use row::{ABSENT, Names, Row, RowId, is_absent};
+pub(crate) use row::{ABSENT, Names, Row, RowId, Target, is_absent};
 pub(crate) use value::Value;
 
 use super::wire::{Channel, Schema};

@@ -92,6 +92,8 @@ pub(crate) struct Row {
     pub(crate) ended: bool,
     /// Any of the end flags was there.
     pub(crate) has_end_flag: bool,
+    /// One was there, or a null in its place.
+    pub(crate) has_end_field: bool,
     stamp_seconds: Option<i64>,
     stamp_nanos: i64,
 }
@@ -127,7 +129,7 @@ impl Row {
                 .all(|(t, &(label, min_len))| t.label == label && t.min_len == min_len)
     }
 
-    pub(super) fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         for target in &mut self.targets {
             target.values.clear();
             target.names.clear();
@@ -139,6 +141,7 @@ impl Row {
         self.reward = None;
         self.ended = false;
         self.has_end_flag = false;
+        self.has_end_field = false;
         self.stamp_seconds = None;
         self.stamp_nanos = 0;
     }
@@ -193,6 +196,7 @@ impl Row {
             Field::Reward => self.reward = Some(value),
             Field::EndFlag => {
                 self.has_end_flag = true;
+                self.has_end_field = true;
                 self.ended |= value != 0.0;
             }
             Field::Episode { .. } | Field::Step | Field::StampSeconds | Field::StampNanos => {
@@ -235,7 +239,11 @@ impl Row {
     /// Takes a null. A simulator that has no reward, or no flag, for a step may well say so by it.
     pub(super) fn null(&mut self, field: Field) -> Result<(), DecodeError> {
         match field {
-            Field::Reward | Field::EndFlag => Ok(()),
+            Field::Reward => Ok(()),
+            Field::EndFlag => {
+                self.has_end_field = true;
+                Ok(())
+            }
             _ => Err(DecodeError::wrong_type("null", field, self)),
         }
     }

@@ -1,6 +1,8 @@
 //! What several tests need.
 
+pub(crate) mod messages;
 pub(crate) mod naive;
+pub(crate) mod reading;
 pub(crate) mod recording_builder;
 pub(crate) mod rows;
 

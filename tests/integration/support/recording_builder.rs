@@ -92,6 +92,38 @@ impl RecordingBuilder {
         self
     }
 
+    /// A channel with a schema (name, encoding, definition); none: without. The same again is the same channel.
+    pub(crate) fn channel(
+        &mut self,
+        topic: &str,
+        encoding: &str,
+        schema: Option<(&str, &str, &[u8])>,
+    ) -> u16 {
+        let schema_id = schema.map_or(0, |(name, encoding, data)| {
+            self.writer.add_schema(name, encoding, data).unwrap()
+        });
+        self.writer
+            .add_channel(schema_id, topic, encoding, &BTreeMap::new())
+            .unwrap()
+    }
+
+    /// One message of a channel, published `lead` nanoseconds before it was logged.
+    pub(crate) fn send(&mut self, channel_id: u16, log_time: u64, lead: u64, data: &[u8]) {
+        self.n_messages += 1;
+        let header = MessageHeader {
+            channel_id,
+            sequence: u32::try_from(self.n_messages).unwrap(),
+            log_time,
+            publish_time: log_time - lead,
+        };
+        self.writer.write_to_known_channel(&header, data).unwrap();
+    }
+
+    /// One JSON message at a time.
+    pub(crate) fn json(&mut self, topic: &str, log_time: u64, message: &Value) -> &mut Self {
+        self.message_at(topic, "json", log_time, message.to_string().as_bytes())
+    }
+
     pub(crate) fn step(&mut self, message: &Value) -> &mut Self {
         self.message("/step", "json", message.to_string().as_bytes())
     }
