@@ -1,0 +1,91 @@
+"""What tests of recordings share: writing small ones, and loading the tables that come of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+
+START_TIME_NANOS = 1_700_000_000_000_000_000
+SECOND = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Topic:
+    """How the messages of a topic are encoded: a schema is its name, its encoding and its text."""
+
+    encoding: str
+    schema: tuple[str, str, bytes] | None = None
+
+
+@dataclass(frozen=True)
+class Message:
+    """A message; times in nanoseconds since the Unix epoch."""
+
+    topic: str
+    log_time: int
+    data: bytes
+    publish_time: int | None = None
+
+
+def write_recording(
+    path: Path,
+    topics: Mapping[str, Topic],
+    messages: Iterable[Message],
+    metadata: Mapping[str, str] | None = None,
+    profile: str = "",
+) -> Path:
+    """Writes messages in the order given; `metadata` becomes the record `recording`."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("wb") as stream:
+        writer = Writer(stream, chunk_size=1 << 16, compression=CompressionType.LZ4)
+        writer.start(profile=profile, library="tests")
+        channels = {}
+        for topic, how in topics.items():
+            schema_id = 0
+            if how.schema is not None:
+                name, encoding, text = how.schema
+                schema_id = writer.register_schema(name, encoding, text)
+            channels[topic] = writer.register_channel(topic, how.encoding, schema_id)
+        for message in messages:
+            publish_time = message.log_time if message.publish_time is None else message.publish_time
+            writer.add_message(channels[message.topic], message.log_time, message.data, publish_time)
+        if metadata is not None:
+            writer.add_metadata("recording", dict(metadata))
+        writer.finish()
+    return path
+
+
+def read_messages(path: Path) -> list[tuple[Any, Any, Any]]:
+    """Schema, channel and message of each message, in the order of the file."""
+    with path.open("rb") as stream:
+        return list(make_reader(stream).iter_messages(log_time_order=False))
+
+
+def read_metadata(path: Path) -> dict[str, str]:
+    """The record `recording`."""
+    with path.open("rb") as stream:
+        (record,) = (m for m in make_reader(stream).iter_metadata() if m.name == "recording")
+    return record.metadata
+
+
+def load(out: Path, table: str) -> pl.DataFrame:
+    """A table, as the README loads it."""
+    return pl.read_parquet(f"{out}/{table}/*.parquet")
+
+
+def actions_of(out: Path) -> list[list[float]]:
+    """The action of every step, over all joints: what the selectors took."""
+    steps = load(out, "steps")
+    joints = [part["action"].to_list() for part in steps.partition_by("joint", maintain_order=True)]
+    return [list(step) for step in zip(*joints, strict=True)]
+
+
+def nanos(column: pl.Series) -> list[int]:
+    """Times as nanoseconds since the Unix epoch."""
+    return column.dt.epoch("ns").to_list()
