@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::channels::Channels;
 use super::decode::{self, Access, Decoder, Field, Row, Value, Wanted};
@@ -51,11 +51,22 @@ const KEPT_DAMAGE: usize = 8;
 const LISTED_TOPICS: usize = 20;
 
 impl Survey {
-    /// Reads all files of a recording.
+    /// Reads all files of a recording. One of several that cannot be opened is damage, as it is when steps are read.
     pub(crate) fn of(files: &[PathBuf], limits: &Limits) -> Result<Self, RecordingError> {
         let mut surveyor = Surveyor::default();
+        let mut first_error = None;
+        let mut n_opened = 0;
         for file in files {
-            let mut scanner = Scanner::open(file, limits)?;
+            surveyor.file = (files.len() > 1).then(|| file_name(file));
+            let mut scanner = match Scanner::open(file, limits) {
+                Ok(scanner) => scanner,
+                Err(e) => {
+                    surveyor.note(&e.to_string(), 0);
+                    first_error.get_or_insert(e);
+                    continue;
+                }
+            };
+            n_opened += 1;
             surveyor.channels = Channels::default();
             surveyor.readers.clear();
             surveyor.bytes += scanner.bytes();
@@ -63,7 +74,10 @@ impl Survey {
                 scanner.step(&mut surveyor)?;
             }
         }
-        Ok(surveyor.finish())
+        match first_error {
+            Some(e) if n_opened == 0 => Err(e),
+            _ => Ok(surveyor.finish()),
+        }
     }
 
     pub(crate) fn topic(&self, name: &str) -> Option<&Topic> {
@@ -78,6 +92,20 @@ impl Survey {
         });
         describe(topics)
     }
+}
+
+/// A sentence of damage with its place: in a split recording offsets are those of one of its files.
+pub(crate) fn at_offset(what: &str, offset: u64, file: Option<&str>) -> String {
+    match file {
+        Some(file) => format!("{what} at offset {offset} of its file {file:?}"),
+        None => format!("{what} at offset {offset}"),
+    }
+}
+
+/// What a file of a split recording is called.
+pub(crate) fn file_name(path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default();
+    name.to_string_lossy().into_owned()
 }
 
 /// One line of topics with encodings and message counts, for errors.
@@ -129,6 +157,8 @@ struct NameReader {
 
 #[derive(Default)]
 struct Surveyor {
+    /// The current file, if it is one of several.
+    file: Option<String>,
     channels: Channels,
     topics: BTreeMap<String, Topic>,
     /// By channel of the current file.
@@ -147,6 +177,14 @@ impl Surveyor {
             damage: self.damage,
             n_damages: self.n_damages,
             bytes: self.bytes,
+        }
+    }
+
+    fn note(&mut self, what: &str, offset: u64) {
+        self.n_damages += 1;
+        if self.damage.len() < KEPT_DAMAGE {
+            self.damage
+                .push(at_offset(what, offset, self.file.as_deref()));
         }
     }
 
@@ -220,11 +258,7 @@ impl Sink for Surveyor {
     }
 
     fn damage(&mut self, damage: Damage<'_>) -> Result<(), RecordingError> {
-        self.n_damages += 1;
-        if self.damage.len() < KEPT_DAMAGE {
-            self.damage
-                .push(format!("{} at offset {}", damage.what, damage.offset));
-        }
+        self.note(damage.what, damage.offset);
         Ok(())
     }
 }
