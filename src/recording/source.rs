@@ -214,6 +214,14 @@ impl Source {
                 Some(sets) => sets(path),
                 None => NameSets::of(example, path),
             };
+            if let Some(missing) = resolved.missing_name(&sets_at) {
+                if sets.is_some() {
+                    let what = format!("{selector}: {missing}");
+                    return Err(CompileError::Plan(PlanError::Path(what)));
+                }
+                // Another message may have it.
+                self.has_other_names = true;
+            }
             let bind = bind_values(&resolved, target, &sets_at, sets.is_some(), &mut self.holds);
             self.names.push(bind.names());
             binds.push(bind);
@@ -255,6 +263,16 @@ impl Source {
             .take_while(|(role, _)| *role == Role::Action)
             .count();
         n_actions.checked_sub(1).map_or(0, |last| self.ends[last])
+    }
+}
+
+impl Resolved {
+    /// What is wrong, if the selector picks by a name that no message has.
+    fn missing_name(&self, sets: SetsAt<'_>) -> Option<String> {
+        let (pick, at) = (self.pick.as_ref()?, self.names.as_ref()?);
+        let names = sets(&at.path).union();
+        let is_missing = !names.is_empty() && !names.contains(pick);
+        is_missing.then(|| format!("no message names {pick:?}, they name {}", names.join(", ")))
     }
 }
 

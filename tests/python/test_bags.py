@@ -15,9 +15,9 @@ from typing import Any, Literal
 import cbor2
 import msgpack
 import numpy as np
-import polars as pl
 import pytest
 from conftest import Run
+from layouts import float_array
 from mcap.writer import CompressionType
 from mcap_ros2.writer import Writer as Ros2Writer
 from polars.testing import assert_frame_equal
@@ -35,7 +35,6 @@ from support import (
     actions_of,
     cdr,
     load,
-    read_messages,
     ros1,
     ros1_topic,
     ros2_topic,
@@ -467,6 +466,24 @@ def test_joints_are_taken_by_name_wherever_they_stand(run: Run, tmp_path: Path) 
     assert load(tmp_path / "chosen", "steps")["joint_name"].unique(maintain_order=True).to_list() == chosen
 
 
+def test_a_joint_that_no_message_names_is_an_error_that_lists_those_there_are(run: Run, tmp_path: Path) -> None:
+    topics = {"/state": ros2_topic(JOINT_STATE), "/action": ros2_topic(COMMAND)}
+    messages = []
+    for step in range(20):
+        time = START_TIME_NANOS + step * PERIOD
+        # Two boards share the joints out: each message has some of them.
+        names = JOINTS[:2] if step % 2 == 0 else JOINTS[2:]
+        state = {"name": names, "position": [float(step + i) for i in range(len(names))]}
+        messages.append(Message("/state", time, cdr(JOINT_STATE, state)))
+        messages.append(Message("/action", time, cdr(COMMAND, {"data": [step % 5]})))
+    path = write_recording(tmp_path / "in.mcap", topics, messages, profile="ros2")
+    action = ["--action", "/action:data", "--state"]
+    done = run(["extract", path, "-o", tmp_path / "none", *action, "/state:position[writs]"], expect=1)
+    assert 'no message names "writs", they name shoulder, elbow, wrist' in done.stderr
+    run(["extract", path, "-o", tmp_path / "out", *action, "/state:position[wrist]"])
+    assert load(tmp_path / "out", "episodes")["n_steps"].to_list() == [19]
+
+
 # Random messages without a schema -------------------------------------------------------------------------------------
 
 # Tags of typed arrays (RFC 8746) and the elements they have in NumPy.
@@ -583,12 +600,6 @@ def test_messagepack_messages_give_the_numbers_that_python_wrote(run: Run, tmp_p
 
 
 # inspect --------------------------------------------------------------------------------------------------------------
-
-
-def float_array(values: list[float]) -> bytes:
-    """A FlatBuffers message of tests/data/float_array.fbs, laid out by hand: root, table of fields, table, vector."""
-    head = struct.pack("<IHHHxxiIi", 12, 6, 8, 4, 8, 4, len(values))
-    return head + struct.pack(f"<{len(values)}f", *values)
 
 
 def write_flatbuffers(path: Path, root: Path, n_steps: int = 20) -> tuple[Path, list[list[float]]]:
