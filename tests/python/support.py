@@ -44,10 +44,11 @@ def write_recording(
     metadata: Mapping[str, str] | None = None,
     profile: str = "",
 ) -> Path:
-    """Writes messages in the order given; `metadata` becomes the record `recording`."""
+    """Writes messages in the order given; `metadata` becomes the record `recording`. Not compressed: sizes and offsets
+    are those of the guide whatever the version of a library."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("wb") as stream:
-        writer = Writer(stream, chunk_size=1 << 16, compression=CompressionType.LZ4)
+        writer = Writer(stream, chunk_size=1 << 16, compression=CompressionType.NONE)
         writer.start(profile=profile, library="tests")
         channels = {}
         for topic, how in topics.items():

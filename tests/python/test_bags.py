@@ -424,7 +424,11 @@ FIELDS: list[tuple[str, list[str], Callable[[Any], list[float]]]] = [
             m["letter"],
         ],
     ),
-    ("sensor_msgs/msg/Imu", ["orientation.w", "angular_velocity"], lambda m: [m["orientation"]["w"], *m["angular_velocity"].values()]),
+    (
+        "sensor_msgs/msg/Imu",
+        ["orientation.w", "angular_velocity"],
+        lambda m: [m["orientation"]["w"], *m["angular_velocity"].values()],
+    ),
 ]
 
 
@@ -586,7 +590,8 @@ def test_messagepack_messages_give_the_numbers_that_python_wrote(run: Run, tmp_p
                 if style == "single":
                     actions[i] = [float(np.float32(rng.uniform(-1, 1))) for _ in actions[i]]
                 elif style == "integers":
-                    actions[i] = [rng.choice([-1, 1]) * rng.getrandbits(rng.choice([4, 8, 16, 32, 63])) for _ in actions[i]]
+                    bits = [rng.choice([4, 8, 16, 32, 63]) for _ in actions[i]]
+                    actions[i] = [rng.choice([-1, 1]) * rng.getrandbits(n) for n in bits]
                 elif style == "bytes":
                     actions[i] = list(rng.randbytes(len(actions[i])))
                 array = np.array(actions[i], dtype=object).reshape(shape).tolist()
