@@ -1,4 +1,4 @@
-"""Every command of `docs/recordings.md` is run, on recordings of the layouts it speaks of: it prints what stands there."""
+"""Every command of `docs/recordings.md` is run, on recordings of its layouts, and prints what stands there."""
 
 from __future__ import annotations
 
