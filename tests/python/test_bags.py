@@ -25,8 +25,10 @@ from rosbags.interfaces import Nodetype
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as BagWriter
 from rosbags.typesys import get_types_from_msg
+from rosbags.typesys.store import Typestore
 from ruamel.yaml import YAML
 from support import (
+    ROS1,
     ROS2,
     SECOND,
     START_TIME_NANOS,
@@ -310,12 +312,12 @@ def random_text(rng: random.Random) -> str:
     return "".join(rng.choice("aZ09_ßλ") for _ in range(rng.randrange(9)))[:6]
 
 
-def random_value(rng: random.Random, kind: Any, name: str, leaves: list[float]) -> Any:
+def random_value(rng: random.Random, store: Typestore, kind: Any, name: str, leaves: list[float]) -> Any:
     """A random value of a field; its numbers are added to `leaves` in the order of the schema."""
     node, inner = kind
     if node == Nodetype.NAME:
         below: list[float] = []
-        value = {field: random_value(rng, k, field, below) for field, k in ROS2.fielddefs[inner][1]}
+        value = {field: random_value(rng, store, k, field, below) for field, k in store.fielddefs[inner][1]}
         if inner not in NO_LEAVES:
             leaves += below
         return value
@@ -323,6 +325,9 @@ def random_value(rng: random.Random, kind: Any, name: str, leaves: list[float]) 
         if inner[0] == "string":
             return random_text(rng)
         value, leaf = random_number(rng, inner[0])
+        if name == "nanosec":
+            # Its sign is another in ROS 1, but no more than a second has to fit.
+            value = leaf = rng.randrange(SECOND)
         leaves.append(leaf)
         return value
     element, length = inner
@@ -332,15 +337,17 @@ def random_value(rng: random.Random, kind: Any, name: str, leaves: list[float]) 
         length = rng.randrange(4) if is_text else 1 + sum(map(ord, name)) % 4
         # As many names as values, or none.
         length = 0 if name == "joint_names" else length
-    return [random_value(rng, element, name, leaves) for _ in range(length)]
+    return [random_value(rng, store, element, name, leaves) for _ in range(length)]
 
 
-def random_messages(type_name: str, seed: int, n: int = 14) -> tuple[list[dict[str, Any]], list[list[float]]]:
+def random_messages(
+    type_name: str, seed: int, store: Typestore = ROS2
+) -> tuple[list[dict[str, Any]], list[list[float]]]:
     rng = random.Random(f"{type_name} {seed}")
     values, leaves = [], []
-    for _ in range(n):
+    for _ in range(14):
         leaves.append([])
-        values.append(random_value(rng, (Nodetype.NAME, type_name), "", leaves[-1]))
+        values.append(random_value(rng, store, (Nodetype.NAME, type_name), "", leaves[-1]))
     return values, leaves
 
 
@@ -352,6 +359,16 @@ def write_with_rosbags(path: Path, type_name: str, values: list[dict[str, Any]],
         messages.append(Message("/state", time, cdr(COMMAND, {"data": [i * i]}, little_endian=little_endian)))
         messages.append(Message("/action", time, cdr(type_name, value, little_endian=little_endian)))
     write_recording(path, topics, messages, profile="ros2")
+
+
+def write_ros1_messages(path: Path, type_name: str, values: list[dict[str, Any]]) -> None:
+    topics = {"/state": ros1_topic(COMMAND), "/action": ros1_topic(type_name)}
+    messages = []
+    for i, value in enumerate(values):
+        time = START_TIME_NANOS + i * PERIOD
+        messages.append(Message("/state", time, ros1(COMMAND, {"data": [i * i]})))
+        messages.append(Message("/action", time, ros1(type_name, value)))
+    write_recording(path, topics, messages, profile="ros1")
 
 
 def write_with_mcap_ros2(path: Path, type_name: str, values: list[dict[str, Any]]) -> None:
@@ -394,6 +411,19 @@ def check_actions(out: Path, expected: dict[str, list[list[float]]]) -> None:
         joints = found[name].partition_by("joint", maintain_order=True)
         assert np.array([joint["action"] for joint in joints]).T.tolist() == actions, name
     assert set(load(out, "recordings")["status"]) == {"ok"}
+
+
+def test_whole_messages_of_ros_1_give_their_numbers_in_the_order_of_the_schema(run: Run, tmp_path: Path) -> None:
+    expected = {}
+    for type_name in TYPES:
+        if type_name in ROS1.fielddefs:
+            path = tmp_path / "in" / f"{type_name.replace('/', '.')}.mcap"
+            values, expected[path.name] = random_messages(type_name, seed=22, store=ROS1)
+            write_ros1_messages(path, type_name, values)
+    assert len(expected) > 25
+    out = tmp_path / "out"
+    run(["extract", tmp_path / "in", "-o", out, "--action", "/action:", "--state", "/state:data"])
+    check_actions(out, expected)
 
 
 FIELDS: list[tuple[str, list[str], Callable[[Any], list[float]]]] = [
