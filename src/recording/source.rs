@@ -386,7 +386,8 @@ impl Extras {
             wanted.push(want(&key("reward"), Field::Reward, false));
         }
         if self.stamp && !stamp_fields(wanted, example) {
-            let what = "--clock header, and its messages have no stamp (header.stamp, timestamp)";
+            let what = "--clock header, and its messages have no stamp in seconds and nanoseconds \
+                        (header.stamp, timestamp, stamp)";
             return Err(CompileError::Plan(PlanError::Path(what.to_owned())));
         }
         Ok(())
@@ -401,6 +402,7 @@ fn stamp_fields(wanted: &mut Vec<Wanted>, example: &Value) -> bool {
         let Some(value) = example.at(&path) else {
             continue;
         };
+        let n_wanted = wanted.len();
         for (name, field) in [
             ("sec", Field::StampSeconds),
             ("secs", Field::StampSeconds),
@@ -416,7 +418,10 @@ fn stamp_fields(wanted: &mut Vec<Wanted>, example: &Value) -> bool {
                 wanted.push(want(&path, field, false));
             }
         }
-        return true;
+        // A number or a text by that name has no unit that could be known.
+        if wanted.len() > n_wanted {
+            return true;
+        }
     }
     false
 }

@@ -37,6 +37,7 @@ from support import (
     actions_of,
     cdr,
     load,
+    nanos,
     ros1,
     ros1_topic,
     ros2_topic,
@@ -568,6 +569,23 @@ def write_steps(path: Path, encoding: str, messages: list[bytes]) -> None:
 def shuffled(rng: random.Random, step: dict[str, Any]) -> dict[str, Any]:
     """The same members in another order."""
     return dict(rng.sample(list(step.items()), len(step)))
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+def test_a_stamp_has_seconds_or_is_none(run: Run, tmp_path: Path, stamped: bool) -> None:
+    """A bare number could be seconds or nanoseconds: it is an error, not a table without times."""
+    steps = []
+    for i in range(20):
+        stamp = {"sec": 1_600_000_000 + i, "nsec": 5} if stamped else 1_600_000_000.5 + i
+        steps.append(json.dumps({"timestamp": stamp, "action": i % 5, "state": i % 7}).encode())
+    write_steps(tmp_path / "in.mcap", "json", steps)
+    args = ["extract", tmp_path / "in.mcap", "-o", tmp_path / "out", "--clock", "header"]
+    if stamped:
+        run(args)
+        times = nanos(load(tmp_path / "out", "steps")["time"])
+        assert times == [(1_600_000_000 + i) * SECOND + 5 for i in range(20)]
+    else:
+        assert "no stamp in seconds and nanoseconds" in run(args, expect=1).stderr
 
 
 def test_cbor_messages_give_the_numbers_that_python_wrote(run: Run, tmp_path: Path) -> None:
