@@ -15,7 +15,7 @@ fn main() {
     divan::main();
 }
 
-/// SplitMix64: the same episode on every machine.
+/// `SplitMix64`: the same episode on every machine.
 struct Random(u64);
 
 impl Random {

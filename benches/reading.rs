@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::Cursor;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
 use coact::recording::{ReadOptions, RecordingReader};
@@ -153,7 +153,7 @@ fn zstd() -> &'static PathBuf {
 }
 
 /// The official reader, record by record, nothing decoded.
-fn walk(path: &PathBuf) -> u64 {
+fn walk(path: &Path) -> u64 {
     let bytes = fs::read(path).expect("the bag");
     let mut rest = bytes.as_slice();
     let mut reader = LinearReader::new();
@@ -176,7 +176,7 @@ fn walk(path: &PathBuf) -> u64 {
 }
 
 /// All of the reader: records, decoding, order of time, alignment.
-fn read(path: &PathBuf) -> usize {
+fn read(path: &Path) -> usize {
     let options = ReadOptions {
         actions: vec!["/command:data".parse().expect("a selector")],
         states: vec!["/joint_states:position".parse().expect("a selector")],

@@ -53,7 +53,7 @@ fn main() -> Result<()> {
     }
 }
 
-/// SplitMix64: the same file on every machine.
+/// `SplitMix64`: the same file on every machine.
 struct Random(u64);
 
 impl Random {

@@ -21,7 +21,8 @@ const HEAD: usize = 20;
 #[expect(dead_code, reason = "parsing is what is measured")]
 struct Step {
     episode: i64,
-    step: i64,
+    #[serde(rename = "step")]
+    number: i64,
     action: Vec<f64>,
     state: Vec<f64>,
     reward: Option<f64>,

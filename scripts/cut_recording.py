@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
 # /// script
 # requires-python = ">=3.10"
-# dependencies = ["mcap==1.6.0"]
+# dependencies = ["mcap==1.6.0", "cbor2==6.3.0", "msgpack==1.2.4", "protobuf==7.36.2"]
 # ///
 """Keep some episodes of a recording, each whole, its messages byte for byte as they were.
 
-Input: a recording of JSON step messages that carry a field `episode`. Output: a recording with the chosen episodes
-only: same messages, times, schemas, chunk compression and size of chunks. The lists of the metadata record that have
-one entry per episode are cut to match.
+Input: a recording of step messages (JSON, CBOR, MessagePack or protobuf) that carry an integer field `episode`. Output:
+a recording with the chosen episodes only: same messages, times, schemas, chunk compression and size of chunks. The
+lists of the metadata record that have one entry per episode are cut to match.
 
 Example: cut_recording.py cartpole.mcap --episodes 0 1 -o fixtures/recordings/cartpole.mcap
 """
@@ -16,8 +16,12 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Callable
 from pathlib import Path
 
+import cbor2
+import msgpack
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from mcap.reader import McapReader, make_reader
 from mcap.records import Channel, Schema
 from mcap.writer import CompressionType, Writer
@@ -33,7 +37,8 @@ def cut(source: Path, target: Path, episodes: list[int]) -> None:
         reader = make_reader(stream)
         header = reader.get_header()
         metadata = list(reader.iter_metadata())
-        messages = [(json.loads(m.data)["episode"], s, c, m) for s, c, m in reader.iter_messages(log_time_order=False)]
+        episode_of = EpisodeOf()
+        messages = [(episode_of(s, c, m.data), s, c, m) for s, c, m in reader.iter_messages(log_time_order=False)]
         compression, chunk_size = chunking(reader)
     present = list(dict.fromkeys(episode for episode, *_ in messages))
     if missing := set(episodes) - set(present):
@@ -54,6 +59,32 @@ def cut(source: Path, target: Path, episodes: list[int]) -> None:
                 channels[channel.id], message.log_time, message.data, message.publish_time, message.sequence
             )
         writer.finish()
+
+
+class EpisodeOf:
+    """The episode that a step message says it belongs to."""
+
+    def __init__(self) -> None:
+        self.of_channel: dict[int, Callable[[bytes], int]] = {}
+
+    def __call__(self, schema: Schema | None, channel: Channel, data: bytes) -> int:
+        if channel.id not in self.of_channel:
+            self.of_channel[channel.id] = self.reader_of(schema, channel)
+        return self.of_channel[channel.id](data)
+
+    @staticmethod
+    def reader_of(schema: Schema | None, channel: Channel) -> Callable[[bytes], int]:
+        if channel.message_encoding == "protobuf" and schema:
+            files = descriptor_pb2.FileDescriptorSet.FromString(schema.data)
+            pool = descriptor_pool.DescriptorPool()
+            for file in files.file:
+                pool.Add(file)
+            message = message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
+            return lambda data: message.FromString(data).episode
+        decode = {"json": json.loads, "cbor": cbor2.loads, "msgpack": msgpack.unpackb}.get(channel.message_encoding)
+        if decode is None:
+            raise SystemExit(f"{channel.topic}: encoding {channel.message_encoding!r} has no steps that can be cut")
+        return lambda data: decode(data)["episode"]
 
 
 def chunking(reader: McapReader) -> tuple[CompressionType, int]:

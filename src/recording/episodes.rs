@@ -114,6 +114,11 @@ impl Episodes {
         }
     }
 
+    /// Before the first message. What was lost until now stays lost.
+    pub(crate) fn set_rule(&mut self, rule: Option<EpisodeRule>) {
+        self.rule = rule;
+    }
+
     pub(crate) fn rule(&self) -> Option<EpisodeRule> {
         self.rule
     }

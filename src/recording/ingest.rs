@@ -17,7 +17,7 @@ use super::records::op;
 use super::scan::{Damage, Sink};
 use super::source::{ChannelReader, CompileError, SetsAt, Source};
 use super::step::{IdRef, Meta, Place, Step};
-use super::survey::Survey;
+use super::survey::{Survey, at_offset, file_name};
 use super::tally::Tally;
 use super::timeline::{At, BEFORE_ALL_JOINTS, Output, Timeline};
 use super::wire::{Channel, Message, Metadata, Schema, WireError};
@@ -154,7 +154,7 @@ impl Ingest {
         };
         let mut plan = Plan::new(layout, &options);
         let loss = self.episodes.take_loss();
-        self.episodes = Episodes::new(options.limits, plan.rule);
+        self.episodes.set_rule(plan.rule);
         if let Some((loss, timeline)) = loss.as_deref().zip(plan.timeline.as_mut()) {
             timeline.loss(loss, 0);
         } else if let Some(loss) = loss {
@@ -611,7 +611,8 @@ impl Sink for Ingest {
             loses_messages,
         } = damage;
         self.tally.note(cause, offset, 1);
-        let description = format!("{what} at offset {offset}");
+        let file = (self.files.len() > 1).then(|| file_name(&self.files[self.at]));
+        let description = at_offset(what, offset, file.as_deref());
         if self.options.on_damage == OnDamage::Fail {
             return Err(RecordingError::Damaged(description));
         }

@@ -9,6 +9,7 @@ use serde::Serialize;
 use super::decode::Value;
 use super::layout::{Layout, Undecided};
 use super::options::ReadOptions;
+use super::selector::needs_quotes;
 use super::survey::{Survey, Topic};
 
 /// What a recording holds.
@@ -232,7 +233,7 @@ fn collect(
 }
 
 fn append_key(path: &mut String, key: &str) {
-    if key.is_empty() || key.contains(['.', '[', ':']) {
+    if needs_quotes(key) {
         let _infallible = write!(path, "[\"{key}\"]");
         return;
     }

@@ -38,6 +38,12 @@ struct Candidate {
 /// Words in the topic of joint states that are commands.
 const COMMAND_WORDS: [&str; 4] = ["leader", "command", "target", "action"];
 
+/// More such words: they order what is proposed, and decide nothing.
+const COMMAND_HINTS: [&str; 5] = ["cmd", "lead", "goal", "desired", "setpoint"];
+
+/// Words of what was measured; for proposals too.
+const STATE_HINTS: [&str; 4] = ["follow", "obs", "measured", "actual"];
+
 /// Readings that an error lists.
 const LISTED: usize = 8;
 
@@ -289,7 +295,7 @@ fn undecided(
     }
 }
 
-/// Every action with every state of another topic, those first whose topic sounds like a command.
+/// Every action with every state of other selectors, those first that sound like what they are taken for.
 fn pairs(actions: &[Candidate], states: &[Candidate]) -> Vec<Layout> {
     let mut pairs: Vec<Layout> = actions
         .iter()
@@ -301,12 +307,19 @@ fn pairs(actions: &[Candidate], states: &[Candidate]) -> Vec<Layout> {
             why: None,
         })
         .collect();
-    let sounds = |selectors: &[Selector]| {
-        selectors
-            .iter()
-            .any(|s| is_commanded(&s.to_string()) || s.topic().contains("cmd"))
+    let has = |selectors: &[Selector], words: &[&str]| {
+        let text = listing(selectors).to_ascii_lowercase();
+        words.iter().any(|word| text.contains(word))
     };
-    pairs.sort_by_key(|l| (!sounds(&l.actions), sounds(&l.states)));
+    let commands = [&COMMAND_WORDS[..], &COMMAND_HINTS].concat();
+    pairs.sort_by_key(|l| {
+        (
+            !has(&l.actions, &commands),
+            has(&l.states, &commands),
+            has(&l.actions, &STATE_HINTS),
+            !has(&l.states, &STATE_HINTS),
+        )
+    });
     pairs
 }
 

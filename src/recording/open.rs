@@ -52,10 +52,10 @@ pub(crate) fn open(path: &Path, limits: &Limits) -> Result<Opened, RecordingErro
     Ok(Opened { stream, bytes })
 }
 
-/// Is this the name of a recording that is compressed as a whole?
+/// Is this the name of a recording that is compressed as a whole? rosbag2 writes `.mcap.zstd`.
 pub(crate) fn is_compressed(path: &Path) -> bool {
     path.extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("zst"))
+        .is_some_and(|e| e.eq_ignore_ascii_case("zst") || e.eq_ignore_ascii_case("zstd"))
 }
 
 fn read_head(reader: &mut dyn Read) -> io::Result<Vec<u8>> {

@@ -9,7 +9,7 @@ use super::layout;
 use super::options::{OnDamage, ReadOptions};
 use super::plan::Plan;
 use super::scan::{Damage, Scanner, Sink};
-use super::survey::{self, Survey};
+use super::survey::{Survey, at_offset, file_name};
 use crate::model::{Cause, Episode, RecordingRow, RecordingStatus};
 
 /// Bytes of a file after which reading pauses even where no episode is complete, so that a run can show progress and
@@ -153,7 +153,7 @@ impl RecordingReader {
                 self.scanner = scanner;
                 Ok(())
             }
-            Err(e) => file_is_missing(&mut self.ingest, file, &e),
+            Err(e) => file_is_missing(&mut self.ingest, &e),
         }
     }
 
@@ -256,7 +256,7 @@ fn begin(
             Ok(scanner) => return Ok((ingest, at, scanner)),
             Err(e) => {
                 if files.len() > 1 {
-                    file_is_missing(&mut ingest, file, &e)?;
+                    file_is_missing(&mut ingest, &e)?;
                     ingest.next_file();
                 }
                 first_error.get_or_insert(e);
@@ -266,16 +266,11 @@ fn begin(
     Err(first_error.unwrap_or(RecordingError::NotAFile("nothing")))
 }
 
-/// A file of a split recording is not there, or is none.
-fn file_is_missing(
-    ingest: &mut Ingest,
-    file: &Path,
-    e: &RecordingError,
-) -> Result<(), RecordingError> {
-    let name = survey::file_name(file);
+/// The current file of a split recording is not there, or is none.
+fn file_is_missing(ingest: &mut Ingest, e: &RecordingError) -> Result<(), RecordingError> {
     ingest.damage(Damage {
         cause: "file of a split recording cannot be read",
-        what: &format!("its file {name:?} {e}"),
+        what: &e.to_string(),
         offset: 0,
         loses_messages: true,
     })
@@ -301,22 +296,25 @@ fn known_fields(plan: &Plan) -> String {
 
 /// Reads all files for damage alone.
 fn check(files: &[PathBuf], options: &ReadOptions) -> Result<(), RecordingError> {
-    struct Checker;
+    struct Checker(Option<String>);
     impl Sink for Checker {
         fn record(&mut self, _: u8, _: &[u8], _: u64) -> Result<(), RecordingError> {
             Ok(())
         }
         fn damage(&mut self, damage: Damage<'_>) -> Result<(), RecordingError> {
-            Err(RecordingError::Damaged(format!(
-                "{} at offset {}",
-                damage.what, damage.offset
-            )))
+            let Damage { what, offset, .. } = damage;
+            let what = at_offset(what, offset, self.0.as_deref());
+            Err(RecordingError::Damaged(what))
         }
     }
     for file in files {
-        let mut scanner = Scanner::open(file, &options.limits)?;
+        let mut checker = Checker((files.len() > 1).then(|| file_name(file)));
+        let mut scanner = Scanner::open(file, &options.limits).map_err(|e| match &checker.0 {
+            Some(name) => RecordingError::Damaged(format!("its file {name:?} {e}")),
+            None => e,
+        })?;
         while !scanner.is_done() {
-            scanner.step(&mut Checker)?;
+            scanner.step(&mut checker)?;
         }
     }
     Ok(())

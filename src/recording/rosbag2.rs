@@ -21,6 +21,8 @@ struct Document {
 struct Information {
     #[serde(default)]
     storage_identifier: String,
+    #[serde(default)]
+    compression_mode: String,
     relative_file_paths: Vec<PathBuf>,
 }
 
@@ -53,12 +55,20 @@ fn listed(folder: &Path, text: &str) -> Result<Vec<PathBuf>, String> {
     })?;
     let Information {
         storage_identifier,
+        compression_mode,
         relative_file_paths,
     } = document.rosbag2_bagfile_information;
     if !matches!(storage_identifier.as_str(), "" | "mcap") {
         return Err(format!(
             "is a bag with storage {storage_identifier:?}, not \"mcap\" (convert it with `ros2 bag convert`)"
         ));
+    }
+    // Files compressed as a whole are read; what is inside compressed messages cannot be told from their encoding.
+    if compression_mode.eq_ignore_ascii_case("message") {
+        return Err(
+            "is a bag whose messages are compressed one by one (convert it with `ros2 bag convert`)"
+                .to_owned(),
+        );
     }
     if relative_file_paths.is_empty() {
         return Err(format!("its {METADATA_FILE} lists no files"));
@@ -101,6 +111,9 @@ mod tests {
         let folder = Path::new("bag");
         let sqlite = BAG.replace("mcap\n  duration", "sqlite3\n  duration");
         assert!(listed(folder, &sqlite).unwrap_err().contains("sqlite3"));
+        let squeezed = BAG.replace("  duration", "  compression_mode: MESSAGE\n  duration");
+        let error = listed(folder, &squeezed).unwrap_err();
+        assert!(error.contains("one by one"), "{error}");
         assert!(
             listed(folder, "rosbag2_bagfile_information: [1")
                 .unwrap_err()

@@ -79,23 +79,39 @@ impl FromStr for Selector {
         if text.len() > MAX_LEN {
             return Err(error("it is too long"));
         }
-        // Names in brackets may hold any character, the colon too.
-        let outside = text.find('[').unwrap_or(text.len());
-        let (topic, path) = match text[..outside].rfind(':') {
-            Some(colon) => (&text[..colon], &text[colon + 1..]),
-            None if outside < text.len() => {
-                return Err(error("there is no colon behind the topic"));
-            }
-            None => (text, ""),
-        };
+        let (topic, path) = split(text).map_err(error)?;
         if topic.is_empty() {
             return Err(error("the topic is empty"));
         }
         Ok(Self {
             topic: topic.to_owned(),
-            path: parse_path(path).map_err(error)?,
+            path,
         })
     }
+}
+
+/// Takes topic and path apart. A name in brackets may hold any character, the colon too, so it is the last colon before
+/// the first bracket that counts, unless that leaves no path: then the topic has brackets itself.
+fn split(text: &str) -> Result<(&str, Vec<PathPart>), &'static str> {
+    let outside = text.find('[').unwrap_or(text.len());
+    let at = |colon: usize| Ok((&text[..colon], parse_path(&text[colon + 1..])?));
+    let result = match text[..outside].rfind(':') {
+        Some(colon) => at(colon),
+        None if outside < text.len() => Err("there is no colon behind the topic"),
+        None => Ok((text, Vec::new())),
+    };
+    result.or_else(|e| {
+        let behind = text.rmatch_indices(':').take_while(|(i, _)| *i > outside);
+        behind
+            .map(|(i, _)| at(i))
+            .find(Result::is_ok)
+            .unwrap_or(Err(e))
+    })
+}
+
+/// A member's name that a path takes only in quotes.
+pub(crate) fn needs_quotes(key: &str) -> bool {
+    key.is_empty() || key.contains(['.', '[', ']', ':'])
 }
 
 fn parse_path(mut rest: &str) -> Result<Vec<PathPart>, &'static str> {
@@ -116,6 +132,9 @@ fn parse_path(mut rest: &str) -> Result<Vec<PathPart>, &'static str> {
         let end = key.find(['.', '[']).unwrap_or(key.len());
         if end == 0 {
             return Err("a name is empty");
+        }
+        if key[..end].contains(']') {
+            return Err("a bracket is closed that was not opened");
         }
         path.push(PathPart::Key(key[..end].to_owned()));
         rest = &key[end..];
@@ -160,9 +179,7 @@ impl fmt::Display for Selector {
         write!(f, "{}:", self.topic)?;
         for (i, part) in self.path.iter().enumerate() {
             match part {
-                PathPart::Key(key) if key.contains(['.', '[', ':']) || key.is_empty() => {
-                    write!(f, "[\"{key}\"]")?;
-                }
+                PathPart::Key(key) if needs_quotes(key) => write!(f, "[\"{key}\"]")?,
                 PathPart::Key(key) if i == 0 => f.write_str(key)?,
                 PathPart::Key(key) => write!(f, ".{key}")?,
                 PathPart::Index(index) => write!(f, "[{index}]")?,
@@ -204,6 +221,9 @@ mod tests {
             "/t:[\"a.b\"].c",
             "a:b:c",
             "/t:x[a:b]",
+            "/t:[\"a:b\"]",
+            "/t [0]:a[b:c]",
+            "a:b [0]:c[1]",
         ] {
             let selector: Selector = text.parse().unwrap();
             assert_eq!(selector.to_string(), text);
@@ -213,6 +233,7 @@ mod tests {
             "a:b",
             "the last colon counts"
         );
+        assert_eq!("a:b [0]:c".parse::<Selector>().unwrap().topic(), "a:b [0]");
         assert_eq!("/ram".parse::<Selector>().unwrap().to_string(), "/ram:");
     }
 
@@ -229,6 +250,7 @@ mod tests {
             ("/t:a[1]b", "is expected behind a bracket"),
             ("/t:a[99999999999999999999999]", "too large"),
             ("/t[0]", "no colon"),
+            ("/t:a]", "was not opened"),
         ] {
             let error = text.parse::<Selector>().unwrap_err().to_string();
             assert!(error.contains(word), "{text}: {error}");

@@ -236,6 +236,14 @@ impl Source {
                 Some(sets) if !sets(path).first().is_empty() => sets(path),
                 _ => NameSets::of(example, path),
             };
+            if let Some(missing) = resolved.missing_name(&sets_at) {
+                if sets.is_some() {
+                    let what = format!("{selector}: {missing}");
+                    return Err(CompileError::Plan(PlanError::Path(what)));
+                }
+                // Another message may have it.
+                self.has_other_names = true;
+            }
             let mut bind = bind_values(
                 &resolved,
                 target,
@@ -305,6 +313,16 @@ impl Source {
             .take_while(|(role, _)| *role == Role::Action)
             .count();
         n_actions.checked_sub(1).map_or(0, |last| self.ends[last])
+    }
+}
+
+impl Resolved {
+    /// What is wrong, if the selector picks by a name that no message has.
+    fn missing_name(&self, sets: SetsAt<'_>) -> Option<String> {
+        let (pick, at) = (self.pick.as_ref()?, self.names.as_ref()?);
+        let names = sets(&at.path).union();
+        let is_missing = !names.is_empty() && !names.contains(pick);
+        is_missing.then(|| format!("no message names {pick:?}, they name {}", names.join(", ")))
     }
 }
 
@@ -444,7 +462,8 @@ impl Extras {
             wanted.push(want(&key("reward"), Field::Reward, false));
         }
         if self.stamp && !stamp_fields(wanted, example) {
-            let what = "--clock header, and its messages have no stamp (header.stamp, timestamp)";
+            let what = "--clock header, and its messages have no stamp in seconds and nanoseconds \
+                        (header.stamp, timestamp, stamp)";
             return Err(CompileError::Plan(PlanError::Path(what.to_owned())));
         }
         Ok(())
@@ -459,6 +478,7 @@ fn stamp_fields(wanted: &mut Vec<Wanted>, example: &Value) -> bool {
         let Some(value) = example.at(&path) else {
             continue;
         };
+        let n_wanted = wanted.len();
         for (name, field) in [
             ("sec", Field::StampSeconds),
             ("secs", Field::StampSeconds),
@@ -474,7 +494,10 @@ fn stamp_fields(wanted: &mut Vec<Wanted>, example: &Value) -> bool {
                 wanted.push(want(&path, field, false));
             }
         }
-        return true;
+        // A number or a text by that name has no unit that could be known.
+        if wanted.len() > n_wanted {
+            return true;
+        }
     }
     false
 }

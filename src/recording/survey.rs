@@ -1,7 +1,6 @@
 //! A first reading of a whole recording: its topics, how many messages each has, one message of each, and the names
 //! that its messages carry. Made only where the layout must be found out, or joints be ordered by name.
 
-use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -55,35 +54,36 @@ const MAX_TRIES: u32 = 64;
 const LISTED_TOPICS: usize = 20;
 
 impl Survey {
-    /// Reads all files of a recording; one of several may be missing.
+    /// Reads all files of a recording. One of several that cannot be opened is damage, as it is when steps are read.
     pub(crate) fn of(files: &[PathBuf], limits: &Limits) -> Result<Self, RecordingError> {
         let mut surveyor = Surveyor {
             limits: *limits,
             ..Surveyor::default()
         };
         let mut first_error = None;
-        let mut n_read = 0;
+        let mut n_opened = 0;
         for file in files {
+            surveyor.file = (files.len() > 1).then(|| file_name(file));
             let mut scanner = match Scanner::open(file, limits) {
                 Ok(scanner) => scanner,
                 Err(e) => {
-                    surveyor.note_damage(format!("its file {:?} {e}", file_name(file)));
+                    surveyor.note(&e.to_string(), 0);
                     first_error.get_or_insert(e);
                     continue;
                 }
             };
-            n_read += 1;
+            n_opened += 1;
             surveyor.channels = Channels::default();
             surveyor.readers.clear();
             surveyor.n_tries.clear();
-            surveyor.file.clone_from(file);
+            surveyor.path.clone_from(file);
             surveyor.bytes += scanner.bytes();
             while !scanner.is_done() {
                 scanner.step(&mut surveyor)?;
             }
         }
         match first_error {
-            Some(e) if n_read == 0 => Err(e),
+            Some(e) if n_opened == 0 => Err(e),
             _ => Ok(surveyor.finish()),
         }
     }
@@ -100,6 +100,20 @@ impl Survey {
         });
         describe(topics)
     }
+}
+
+/// A sentence of damage with its place: in a split recording offsets are those of one of its files.
+pub(crate) fn at_offset(what: &str, offset: u64, file: Option<&str>) -> String {
+    match file {
+        Some(file) => format!("{what} at offset {offset} of its file {file:?}"),
+        None => format!("{what} at offset {offset}"),
+    }
+}
+
+/// What a file of a split recording is called.
+pub(crate) fn file_name(path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default();
+    name.to_string_lossy().into_owned()
 }
 
 /// One line of topics with encodings and message counts, for errors.
@@ -149,16 +163,13 @@ struct NameReader {
     last: Vec<decode::Names>,
 }
 
-/// The name of a file, for errors about one of several.
-pub(crate) fn file_name(path: &Path) -> Cow<'_, str> {
-    path.file_name().unwrap_or_default().to_string_lossy()
-}
-
 #[derive(Default)]
 struct Surveyor {
     limits: Limits,
     /// The file that is being read.
-    file: PathBuf,
+    path: PathBuf,
+    /// Its name, if it is one of several.
+    file: Option<String>,
     channels: Channels,
     topics: BTreeMap<String, Topic>,
     /// By channel of the current file.
@@ -184,7 +195,7 @@ impl Surveyor {
 
     /// Takes over from the summary of a damaged file what its data no longer defines.
     fn rescue(&mut self) {
-        if self.n_damages == 0 || !self.channels.rescue(&self.file, &self.limits) {
+        if self.n_damages == 0 || !self.channels.rescue(&self.path, &self.limits) {
             return;
         }
         let channels: Vec<Channel> = self.channels.counted().map(|(c, _)| c.clone()).collect();
@@ -193,10 +204,11 @@ impl Surveyor {
         }
     }
 
-    fn note_damage(&mut self, what: String) {
+    fn note(&mut self, what: &str, offset: u64) {
         self.n_damages += 1;
         if self.damage.len() < KEPT_DAMAGE {
-            self.damage.push(what);
+            self.damage
+                .push(at_offset(what, offset, self.file.as_deref()));
         }
     }
 
@@ -278,7 +290,7 @@ impl Sink for Surveyor {
     }
 
     fn damage(&mut self, damage: Damage<'_>) -> Result<(), RecordingError> {
-        self.note_damage(format!("{} at offset {}", damage.what, damage.offset));
+        self.note(damage.what, damage.offset);
         Ok(())
     }
 }

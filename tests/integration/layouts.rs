@@ -121,7 +121,10 @@ fn a_selector_takes_what_it_says_in_the_order_it_says() {
         "(fields of /obs: joints, list, name, odd.key, position, z)",
     );
     refused("name", "text where a number");
-    refused("list[shoulder]", "as many names as values");
+    refused(
+        "list[shoulder]",
+        "no message names \"shoulder\", they name p, q",
+    );
     refused("position[elbow]", "before the first state");
     let nameless = read_states(&[json!({"list": [1, 2]})], &["list[shoulder]"]);
     assert!(
@@ -268,14 +271,10 @@ fn joints_shared_out_among_messages_hold_their_latest_value() {
         reading.states(0),
         (0..20).map(|i| f64::from(i / 2 * 2)).collect::<Vec<_>>()
     );
-    // One that never comes is no state.
+    // One that never comes is mistyped: the error lists those that do.
     let reading = read_states(&messages, &["position[grip]", "position[wrist]"]);
-    assert_eq!(
-        reading.refused("before the first state"),
-        20,
-        "{:?}",
-        reading.row
-    );
+    let words = "no message names \"wrist\", they name grip, lift, turn";
+    assert!(reading.error().contains(words), "{:?}", reading.row);
     // The same on the clock: each action holds the other joints.
     let mut b = RecordingBuilder::new();
     b.json("/obs", 0, &json!({"v": [0]}));

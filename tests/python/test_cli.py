@@ -182,7 +182,7 @@ def test_recordings_say_what_was_read_and_how(run: Run, recordings: Path, tmp_pa
         "encoding": "json",
         "action_selector": "/step:action",
         "state_selector": "/step:state",
-        "episode_rule": "field",
+        "episode_rule": "field:/step:episode",
         "n_messages_refused": 0,
     }
     assert table.select(list(same)).unique().to_dicts() == [same]
