@@ -125,7 +125,7 @@ fn a_selector_takes_what_it_says_in_the_order_it_says() {
         "list[shoulder]",
         "no message names \"shoulder\", they name p, q",
     );
-    refused("position[elbow]", "before the first state");
+    refused("position[elbow]", "no message names \"elbow\"");
     let nameless = read_states(&[json!({"list": [1, 2]})], &["list[shoulder]"]);
     assert!(
         nameless.error().contains("picks by name"),
