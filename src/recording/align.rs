@@ -19,6 +19,8 @@ pub(crate) struct Held {
 pub(crate) struct Track {
     /// Where the values of each selector end; set by the first message.
     ends: Vec<usize>,
+    /// Joints are shared out among messages: each holds its latest value.
+    holds: bool,
     /// The latest value of each joint, and when it came.
     merged: Vec<f64>,
     times: Vec<i64>,
@@ -37,8 +39,18 @@ impl Track {
         self.ends == ends
     }
 
+    /// Are joints shared out among its messages?
+    pub(crate) fn set_holds(&mut self, holds: bool) {
+        self.holds = holds;
+    }
+
     /// Takes the values of a message; those that are absent stay as they were.
     pub(crate) fn merge(&mut self, values: &[f64], time: i64) {
+        if !self.holds {
+            self.merged.clear();
+            self.merged.extend_from_slice(values);
+            return;
+        }
         if self.merged.len() != values.len() {
             self.merged = vec![super::decode::ABSENT; values.len()];
             self.times = vec![time; values.len()];
@@ -53,7 +65,7 @@ impl Track {
 
     /// Has every joint had a value?
     pub(crate) fn is_complete(&self) -> bool {
-        !self.merged.iter().any(|&v| is_absent(v))
+        !self.holds || !self.merged.iter().any(|&v| is_absent(v))
     }
 
     /// Takes a message, in the order of time.
@@ -64,24 +76,27 @@ impl Track {
         align: Align,
         pool: &mut Vec<Vec<f64>>,
     ) {
-        self.merge(values, held.time);
-        if !self.is_complete() {
-            return;
-        }
-        let held = Held {
-            oldest: self.times.iter().copied().min().unwrap_or(held.time),
-            ..held
+        let (held, values) = if self.holds {
+            self.merge(values, held.time);
+            if !self.is_complete() {
+                return;
+            }
+            let oldest = self.times.iter().copied().min().unwrap_or(held.time);
+            (Held { oldest, ..held }, self.merged.as_slice())
+        } else {
+            (held, values)
         };
         if align == Align::Before
             && let Some((at, current)) = &mut self.current
         {
             *at = held;
-            current.copy_from_slice(&self.merged);
+            current.clear();
+            current.extend_from_slice(values);
             return;
         }
         let mut buffer = pool.pop().unwrap_or_default();
         buffer.clear();
-        buffer.extend_from_slice(&self.merged);
+        buffer.extend_from_slice(values);
         if align == Align::Before {
             self.current = Some((held, buffer));
         } else {

@@ -547,9 +547,9 @@ fn put(timeline: &mut Timeline, index: usize, source: &Source, mut at: At) {
             Use::Done if at.counts => timeline.of_use(),
             Use::Done => {}
             Use::Id => timeline.id(meta.id, at),
-            Use::Held => timeline.held(index, &source.values, at),
+            Use::Held => timeline.held(index, &source.values, source.holds, at),
             Use::Clock => {
-                if !timeline.action(meta, &source.values, &source.ends, at) {
+                if !timeline.action(meta, &source.values, &source.ends, source.holds, at) {
                     let cause = "action has another width than in its first message";
                     timeline.bad_action(meta, cause, at);
                 }

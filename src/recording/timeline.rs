@@ -49,27 +49,31 @@ pub(crate) struct At {
     pub(crate) counts: bool,
 }
 
-/// Something that happened at a time.
+/// Something that happened at a time. There may be millions: it is kept small.
 #[derive(Debug)]
 struct Event {
     time: i64,
     /// Order in the file.
     nth: u64,
     offset: u64,
-    what: What,
-    /// It stands for a message that is not of the clock, and is counted as used.
-    counts: bool,
     /// Its values: where they begin in the buffer, and how many they are.
     start: usize,
-    len: usize,
+    len: u32,
+    /// The source of held values, else where `whats` has it.
+    index: u32,
+    /// See [`What::rank`].
+    rank: u8,
+    is_held: bool,
+    /// It stands for a message that is not of the clock, and is counted as used.
+    counts: bool,
 }
+
+/// Rank of a message of an aligned topic, and of what else goes with a state.
+const STATE_RANK: u8 = 1;
 
 #[derive(Debug)]
 enum What {
     Marker,
-    Held {
-        source: usize,
-    },
     /// A message of an aligned topic that cannot be used; its position is taken all the same.
     BadHeld {
         source: usize,
@@ -91,7 +95,7 @@ impl What {
     fn rank(&self) -> u8 {
         match self {
             Self::Marker => 0,
-            Self::Held { .. } | Self::BadHeld { .. } | Self::Id(_) => 1,
+            Self::BadHeld { .. } | Self::Id(_) => STATE_RANK,
             Self::Action(_) | Self::BadAction { .. } => 2,
             Self::Done => 3,
             Self::Loss(_) => 4,
@@ -159,7 +163,11 @@ pub(crate) struct Timeline {
     states: Vec<Part>,
     tracks: Vec<Track>,
     events: Vec<Event>,
+    /// What happened, where it is not that values came; taken when it is its turn.
+    whats: Vec<Option<What>>,
     values: Vec<f64>,
+    /// The buffer of the round before, to be filled next.
+    spare_values: Vec<f64>,
     n_events: u64,
     newest: Option<i64>,
     /// Everything up to this time has left.
@@ -196,7 +204,9 @@ impl Timeline {
             states,
             tracks: (0..n_sources).map(|_| Track::default()).collect(),
             events: Vec::new(),
+            whats: Vec::new(),
             values: Vec::new(),
+            spare_values: Vec::new(),
             n_events: 0,
             newest: None,
             released: None,
@@ -233,9 +243,16 @@ impl Timeline {
         self.tracks[source].fits(ends)
     }
 
-    /// A message of an aligned topic that fits.
-    pub(crate) fn held(&mut self, source: usize, values: &[f64], at: At) {
-        self.event(What::Held { source }, values, at);
+    /// A message of an aligned topic that fits; `holds` if values may be absent from it.
+    pub(crate) fn held(&mut self, source: usize, values: &[f64], holds: bool, at: At) {
+        self.tracks[source].set_holds(holds);
+        self.push(
+            u32::try_from(source).unwrap_or(0),
+            STATE_RANK,
+            true,
+            values,
+            at,
+        );
     }
 
     /// A message of an aligned topic that cannot be used. Where positions count, the action of its position has no
@@ -256,8 +273,10 @@ impl Timeline {
         meta: Meta<'_>,
         values: &[f64],
         ends: &[usize],
+        holds: bool,
         at: At,
     ) -> bool {
+        self.tracks[0].set_holds(holds);
         let fits = self.tracks[0].fits(ends);
         if fits {
             self.event(What::Action(OwnedMeta::of(meta)), values, at);
@@ -313,6 +332,13 @@ impl Timeline {
     }
 
     fn event(&mut self, what: What, values: &[f64], at: At) {
+        let index = u32::try_from(self.whats.len()).unwrap_or(u32::MAX);
+        let rank = what.rank();
+        self.whats.push(Some(what));
+        self.push(index, rank, false, values, at);
+    }
+
+    fn push(&mut self, index: u32, rank: u8, is_held: bool, values: &[f64], at: At) {
         let At {
             time,
             offset,
@@ -325,10 +351,12 @@ impl Timeline {
             time,
             nth: self.n_events,
             offset,
-            what,
-            counts,
             start,
-            len: values.len(),
+            len: u32::try_from(values.len()).unwrap_or(0),
+            index,
+            rank,
+            is_held,
+            counts,
         });
         self.n_events += 1;
     }
@@ -361,50 +389,61 @@ impl Timeline {
     }
 
     fn release(&mut self, n: usize, out: &mut Output<'_>) -> Result<(), RecordingError> {
-        let key = |e: &Event| (e.time, e.what.rank(), e.nth);
+        let key = |e: &Event| (e.time, e.rank, e.nth);
         if !self.events.is_sorted_by_key(key) {
             self.events.sort_unstable_by_key(key);
         }
-        let kept = self.events.split_off(n);
-        let events = std::mem::replace(&mut self.events, kept);
-        let values = std::mem::take(&mut self.values);
-        for event in events {
-            let values = &values[event.start..event.start + event.len];
-            self.take(
-                event.time,
-                event.offset,
-                event.counts,
-                event.what,
-                values,
-                out,
-            )?;
+        let mut events = std::mem::take(&mut self.events);
+        let spare = std::mem::take(&mut self.spare_values);
+        let values = std::mem::replace(&mut self.values, spare);
+        let mut whats = std::mem::take(&mut self.whats);
+        self.values.clear();
+        let of = |event: &Event| event.start..event.start + event.len as usize;
+        for event in events.drain(..n) {
+            let what = match whats.get_mut(event.index as usize) {
+                Some(what) if !event.is_held => what.take(),
+                _ => None,
+            };
+            self.take(&event, what, &values[of(&event)], out)?;
         }
-        for event in &mut self.events {
+        for event in &mut events {
             let start = self.values.len();
-            self.values
-                .extend_from_slice(&values[event.start..event.start + event.len]);
+            self.values.extend_from_slice(&values[of(event)]);
             event.start = start;
+            if !event.is_held {
+                let what = whats.get_mut(event.index as usize).and_then(Option::take);
+                event.index = u32::try_from(self.whats.len()).unwrap_or(u32::MAX);
+                self.whats.push(what);
+            }
         }
+        self.events = events;
+        self.spare_values = values;
         Ok(())
     }
 
     /// Takes one event in the order of time.
     fn take(
         &mut self,
-        time: i64,
-        offset: u64,
-        counts: bool,
-        what: What,
+        event: &Event,
+        what: Option<What>,
         values: &[f64],
         out: &mut Output<'_>,
     ) -> Result<(), RecordingError> {
-        if self.released.is_some_and(|released| time < released) && !matches!(what, What::Loss(_)) {
+        let Event {
+            time,
+            offset,
+            counts,
+            ..
+        } = *event;
+        if self.released.is_some_and(|released| time < released)
+            && !matches!(what, Some(What::Loss(_)))
+        {
             self.is_shifted = true;
             // Of several events of one message one stands for it.
-            if counts || matches!(what, What::Action(_) | What::BadAction { .. }) {
+            if counts || matches!(what, Some(What::Action(_) | What::BadAction { .. })) {
                 out.tally.refuse(TOO_LATE, offset);
             }
-            if let What::Action(meta) | What::BadAction { meta, .. } = what {
+            if let Some(What::Action(meta) | What::BadAction { meta, .. }) = what {
                 // Where its end was has passed.
                 let meta = Meta {
                     ended: false,
@@ -416,14 +455,21 @@ impl Timeline {
         }
         self.released = Some(time.max(self.released.unwrap_or(time)));
         self.n_used += u64::from(counts);
-        if let What::Held { source } = what {
+        let Some(what) = what else {
             let held = Held {
                 time,
                 oldest: time,
                 offset,
             };
-            self.tracks[source].hold(held, values, self.align, &mut self.pool);
-        } else if let What::BadHeld { source } = what {
+            self.tracks[event.index as usize].hold(held, values, self.align, &mut self.pool);
+            // Nothing waits but for states that come later.
+            return if self.waiting.is_empty() {
+                Ok(())
+            } else {
+                self.drain(false, out)
+            };
+        };
+        if let What::BadHeld { source } = what {
             self.tracks[source].hold_nothing();
         } else {
             let mut buffer = self.pool.pop().unwrap_or_default();
@@ -511,7 +557,7 @@ impl Timeline {
                 self.id = id;
                 result?;
             }
-            What::Held { .. } | What::BadHeld { .. } => {}
+            What::BadHeld { .. } => {}
         }
         self.pool.push(values);
         Ok(())
