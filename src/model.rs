@@ -208,6 +208,17 @@ impl EpisodeStatus {
     }
 }
 
+/// A layout that was found out, not asked for.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+pub struct ChosenLayout {
+    /// The flags that ask for it.
+    pub flags: String,
+    /// Why it was chosen.
+    pub why: String,
+    /// It is the native convention, which needs no telling.
+    pub is_native: bool,
+}
+
 impl RecordingRow {
     /// Was nothing of it refused, recovered or failed, but what is to be expected?
     pub fn is_clean(&self) -> bool {
@@ -287,8 +298,8 @@ pub struct RecordingRow {
     pub clock: Option<String>,
     /// How states were put on the action's clock.
     pub align: Option<String>,
-    /// What was found out about the layout, and why; `None` if it was asked for. Not in the tables.
-    pub chosen: Option<String>,
+    /// What was found out about the layout; `None` if it was asked for. Not in the tables.
+    pub chosen: Option<ChosenLayout>,
     /// Messages on the chosen topics; always `n_messages_used + n_messages_refused`.
     pub n_messages: u64,
     /// Messages that became steps, or could have.

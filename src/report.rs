@@ -6,9 +6,11 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
-use crate::model::{Cause, Episode, EpisodeStatus, Extraction, JointMode, Outcome, RecordingRow};
+use crate::model::{
+    Cause, ChosenLayout, Episode, EpisodeStatus, Extraction, JointMode, Outcome, RecordingRow,
+};
 
 /// How a run ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -152,6 +154,9 @@ pub struct RunSummary {
     pub n_messages_refused: u64,
     /// By environment.
     pub environments: BTreeMap<String, EnvironmentSummary>,
+    /// Layouts that were found out, and how many recordings have them.
+    #[serde(serialize_with = "layouts_as_list")]
+    pub layouts: BTreeMap<ChosenLayout, u64>,
     /// Recordings that failed, were recovered, or had something refused.
     pub remarks: Vec<Remark>,
     /// Bytes of the recordings.
@@ -227,6 +232,9 @@ impl RunSummary {
         self.n_messages_used += row.n_messages_used;
         self.n_messages_refused += row.n_messages_refused;
         self.bytes += row.bytes;
+        if let Some(chosen) = &row.chosen {
+            *self.layouts.entry(chosen.clone()).or_default() += 1;
+        }
         self.listing.push(text::listed(row));
         if row.is_clean() && current.n_incomplete == 0 {
             return;
@@ -278,6 +286,23 @@ impl RunSummary {
         })
         .unwrap_or_default()
     }
+}
+
+/// JSON has no maps whose keys are objects.
+fn layouts_as_list<S: Serializer>(
+    layouts: &BTreeMap<ChosenLayout, u64>,
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    #[derive(Serialize)]
+    struct Counted<'a> {
+        #[serde(flatten)]
+        layout: &'a ChosenLayout,
+        n_recordings: u64,
+    }
+    serializer.collect_seq(layouts.iter().map(|(layout, &n_recordings)| Counted {
+        layout,
+        n_recordings,
+    }))
 }
 
 /// What the `status` column says of an episode.

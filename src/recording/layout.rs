@@ -96,6 +96,12 @@ impl Layout {
         }
     }
 
+    /// Is everything taken from the topic of the native convention?
+    pub(crate) fn is_native(&self) -> bool {
+        let mut selectors = self.actions.iter().chain(&self.states);
+        selectors.all(|s| s.topic() == NATIVE_TOPIC)
+    }
+
     /// As flags of the command line.
     pub(crate) fn flags(&self) -> String {
         flags(&self.actions, &self.states)

@@ -5,12 +5,12 @@ use std::sync::Arc;
 
 use super::error::RecordingError;
 use super::ingest::Ingest;
-use super::layout;
+use super::layout::{self, Layout};
 use super::options::{OnDamage, ReadOptions};
 use super::plan::Plan;
 use super::scan::{Damage, Scanner, Sink};
 use super::survey::{Survey, at_offset, file_name};
-use crate::model::{Cause, Episode, RecordingRow, RecordingStatus};
+use crate::model::{Cause, ChosenLayout, Episode, RecordingRow, RecordingStatus};
 
 /// Bytes of a file after which reading pauses even where no episode is complete, so that a run can show progress and
 /// be stopped.
@@ -204,12 +204,10 @@ impl RecordingReader {
             episode_rule: of_plan(&|p| p.describe_rule(&options.episodes, episodes.rule())),
             clock: Some(options.clock.as_str().to_owned()),
             align: Some(options.align.as_str().to_owned()),
-            chosen: of_plan(&|p| {
-                p.layout
-                    .why
-                    .as_ref()
-                    .map(|why| format!("{} ({why})", p.layout.flags()))
-            }),
+            chosen: plan
+                .as_ref()
+                .filter(|_| n_messages > 0)
+                .and_then(|p| chosen(&p.layout)),
             n_messages,
             n_messages_used,
             n_messages_refused: n_messages - n_messages_used,
@@ -273,6 +271,15 @@ fn file_is_missing(ingest: &mut Ingest, e: &RecordingError) -> Result<(), Record
         what: &e.to_string(),
         offset: 0,
         loses_messages: true,
+    })
+}
+
+/// What the layout is, if it was found out.
+fn chosen(layout: &Layout) -> Option<ChosenLayout> {
+    layout.why.as_ref().map(|why| ChosenLayout {
+        flags: layout.flags(),
+        why: why.clone(),
+        is_native: layout.is_native(),
     })
 }
 

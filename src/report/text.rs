@@ -103,6 +103,17 @@ impl RunSummary {
                 compact(rate)
             ),
         );
+        for (layout, &n) in self.layouts.iter().filter(|(layout, _)| !layout.is_native) {
+            let of_how_many = if n_recordings > 1 {
+                format!(" in {} {}", count(n), plural(n, "recording"))
+            } else {
+                String::new()
+            };
+            line(
+                text,
+                &format!("auto: {}{of_how_many} ({})", layout.flags, layout.why),
+            );
+        }
         if self.n_recordings_before > 0 {
             line(
                 text,
