@@ -111,16 +111,14 @@ impl Layout {
 fn why(action: &Candidate, state: &Candidate, options: &ReadOptions) -> String {
     let part = |role: &str, candidate: &Candidate, asked: bool| {
         if asked {
-            format!("{role} as asked for")
-        } else {
-            format!(
-                "{role} from the only {} that can be it",
-                candidate.type_name
-            )
+            return format!("{role} as asked for");
         }
+        let name = &candidate.type_name;
+        let short = name.rsplit(['/', '.']).next().unwrap_or(name);
+        format!("{role}: the only {short}")
     };
     format!(
-        "{}, {}",
+        "{}; {}",
         part("action", action, !options.actions.is_empty()),
         part("state", state, !options.states.is_empty())
     )
