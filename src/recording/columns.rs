@@ -5,6 +5,9 @@ use crate::model::Columns;
 /// Rows kept back before they are transposed: enough that each column is written a cache line at a time.
 const BLOCK_ROWS: usize = 16;
 
+/// Memory that is taken before the rows are there, bytes.
+const MAX_RESERVED: usize = 16 << 20;
+
 /// Grows by rows of equal width, ends as [`Columns`].
 #[derive(Debug, Default)]
 pub(crate) struct ColumnsBuilder {
@@ -16,10 +19,12 @@ pub(crate) struct ColumnsBuilder {
 }
 
 impl ColumnsBuilder {
-    pub(crate) fn new(width: usize) -> Self {
+    /// Expects about `n_rows` rows: columns that need not grow are not copied.
+    pub(crate) fn new(width: usize, n_rows: usize) -> Self {
+        let capacity = n_rows.min(MAX_RESERVED / (8 * width.max(1)));
         Self {
             width,
-            columns: vec![Vec::new(); width],
+            columns: (0..width).map(|_| Vec::with_capacity(capacity)).collect(),
             block: Vec::with_capacity(width * BLOCK_ROWS),
             n_rows: 0,
         }
@@ -81,7 +86,7 @@ mod tests {
     use super::*;
 
     fn built(n_rows: usize) -> ColumnsBuilder {
-        let mut builder = ColumnsBuilder::new(2);
+        let mut builder = ColumnsBuilder::new(2, 0);
         for i in 0..n_rows {
             builder.push(&[i as f64, -(i as f64)]);
         }

@@ -90,6 +90,8 @@ pub(crate) struct Episodes {
     /// Why the beginning of the next new episode may be missing.
     loss: Option<String>,
     n_used: u64,
+    /// Steps of the episode that closed last.
+    n_last: usize,
     /// Steps that were dropped before the next episode opens.
     n_dropped: u64,
     ready: Vec<Episode>,
@@ -109,6 +111,7 @@ impl Episodes {
             clock: 0,
             loss: None,
             n_used: 0,
+            n_last: 0,
             n_dropped: 0,
             ready: Vec::new(),
         }
@@ -302,7 +305,7 @@ impl Episodes {
         {
             self.close(stalest, common, tally);
         }
-        let mut episode = OpenEpisode::default();
+        let mut episode = OpenEpisode::new(self.n_last);
         episode.drop_steps(std::mem::take(&mut self.n_dropped));
         if let Some(loss) = &self.loss {
             let numbered = meta.number.is_some();
@@ -328,6 +331,7 @@ impl Episodes {
             id, nth, episode, ..
         } = self.open.swap_remove(index);
         let closed = episode.close(tally);
+        self.n_last = closed.actions.n_rows();
         self.n_used += closed.actions.n_rows() as u64;
         if !matches!(id, Id::Nth(_)) {
             self.closed.insert(id.clone());

@@ -10,6 +10,8 @@ use crate::model::{Columns, Episode, EpisodeKey, Incomplete};
 #[derive(Debug, Default)]
 pub(crate) struct OpenEpisode {
     columns: Option<(ColumnsBuilder, ColumnsBuilder)>,
+    /// Steps of the episode before, which may well be as many as here.
+    n_expected: usize,
     /// Logged step numbers, if the first step has one; else empty.
     steps: Vec<i64>,
     times: Vec<i64>,
@@ -46,6 +48,14 @@ pub(crate) struct Closed {
 const AFTER_BAD: &str = "step after the first bad step of its episode";
 
 impl OpenEpisode {
+    /// Expects about `n_expected` steps.
+    pub(crate) fn new(n_expected: usize) -> Self {
+        Self {
+            n_expected,
+            ..Self::default()
+        }
+    }
+
     /// Do its messages carry step numbers?
     pub(crate) fn is_numbered(&self) -> bool {
         !self.steps.is_empty()
@@ -98,9 +108,12 @@ impl OpenEpisode {
                 return;
             }
         }
-        let (actions, states) = self
-            .columns
-            .get_or_insert_with(|| (ColumnsBuilder::new(action), ColumnsBuilder::new(state)));
+        let (actions, states) = self.columns.get_or_insert_with(|| {
+            (
+                ColumnsBuilder::new(action, self.n_expected),
+                ColumnsBuilder::new(state, self.n_expected),
+            )
+        });
         actions.push(step.action);
         states.push(step.state);
         if let Some(number) = step.meta.number {
