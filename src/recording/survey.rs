@@ -53,10 +53,14 @@ const LISTED_TOPICS: usize = 20;
 impl Survey {
     /// Reads all files of a recording.
     pub(crate) fn of(files: &[PathBuf], limits: &Limits) -> Result<Self, RecordingError> {
-        let mut surveyor = Surveyor::default();
+        let mut surveyor = Surveyor {
+            limits: *limits,
+            ..Surveyor::default()
+        };
         for file in files {
             let mut scanner = Scanner::open(file, limits)?;
             surveyor.channels = Channels::default();
+            surveyor.file.clone_from(file);
             surveyor.readers.clear();
             surveyor.bytes += scanner.bytes();
             while !scanner.is_done() {
@@ -129,6 +133,9 @@ struct NameReader {
 
 #[derive(Default)]
 struct Surveyor {
+    /// The file that is being read.
+    file: PathBuf,
+    limits: Limits,
     channels: Channels,
     topics: BTreeMap<String, Topic>,
     /// By channel of the current file.
@@ -162,7 +169,20 @@ impl Surveyor {
         }
     }
 
+    /// Takes definitions from the summary that the data has lost.
+    fn rescue(&mut self) {
+        if self.channels.rescue(&self.file, &self.limits) {
+            let channels: Vec<Channel> = self.channels.iter().cloned().collect();
+            for channel in &channels {
+                self.channel(channel);
+            }
+        }
+    }
+
     fn message(&mut self, message: &Message<'_>) {
+        if self.channels.channel(message.channel_id).is_none() {
+            self.rescue();
+        }
         let Some(channel) = self.channels.channel(message.channel_id) else {
             return;
         };

@@ -17,6 +17,8 @@ mod cli;
 mod durability;
 mod extraction_golden;
 mod extraction_properties;
+mod hostile;
+mod hostile_files;
 mod recording;
 mod support;
 mod tables;
