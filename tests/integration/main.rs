@@ -19,6 +19,7 @@ mod extraction_golden;
 mod extraction_properties;
 mod hostile;
 mod hostile_files;
+mod hostile_runs;
 mod recording;
 mod support;
 mod tables;
