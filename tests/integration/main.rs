@@ -14,6 +14,7 @@
 
 mod architecture;
 mod cli;
+mod corpus;
 mod durability;
 mod extraction_golden;
 mod extraction_properties;
