@@ -42,9 +42,11 @@ fn code(signal: i32) -> u8 {
 
 #[cfg(unix)]
 mod unix {
+    use std::sync::atomic::AtomicBool;
+
     use super::{Arc, AtomicI32, Interrupt, Ordering, PATIENCE, PathBuf, code, remove_temporaries};
 
-    use signal_hook::consts::{SIGINT, SIGTERM};
+    use signal_hook::consts::{SIGINT, SIGTERM, SIGXFSZ};
     use signal_hook::iterator::Signals as SignalStream;
 
     pub(super) fn watch(
@@ -53,6 +55,7 @@ mod unix {
         received: Arc<AtomicI32>,
     ) {
         // Without a handler a signal ends the process at once; the next run then clears up.
+        limit_is_an_error();
         let Ok(mut signals) = SignalStream::new([SIGINT, SIGTERM]) else {
             return;
         };
@@ -65,6 +68,13 @@ mod unix {
             std::thread::sleep(PATIENCE);
             end(signal, output);
         });
+    }
+
+    /// Without a handler SIGXFSZ ends the process where a file reaches the limit of its size; with one the write fails,
+    /// and the run says which file it was and clears up.
+    fn limit_is_an_error() {
+        let nobody_asks = Arc::new(AtomicBool::new(false));
+        let _without_handler = signal_hook::flag::register(SIGXFSZ, nobody_asks);
     }
 
     #[expect(clippy::exit, reason = "the run did not stop in time")]

@@ -123,12 +123,18 @@ impl Found {
     }
 
     fn folder(&mut self, folder: &Path) {
+        let mut named_like_recordings = Vec::new();
         for entry in walkdir::WalkDir::new(folder)
             .follow_links(true)
             .sort_by_file_name()
         {
             match entry {
-                Ok(entry) if entry.file_type().is_dir() => self.bag(entry.path()),
+                Ok(entry) if entry.file_type().is_dir() => {
+                    self.bag(entry.path());
+                    if entry.depth() > 0 && is_recording(entry.file_name()) {
+                        named_like_recordings.push(entry.into_path());
+                    }
+                }
                 Ok(entry)
                     if is_recording(entry.file_name())
                         && !self.in_bags.contains(&absolute(entry.path())) =>
@@ -146,12 +152,22 @@ impl Found {
                 }
             }
         }
+        // Whoever named a folder so may expect a recording of it; one that holds recordings explains itself.
+        for path in named_like_recordings {
+            let absolute = absolute(&path);
+            if !self.files.keys().any(|file| file.starts_with(&absolute)) {
+                self.file(&path, None);
+            }
+        }
     }
 
     fn glob(&mut self, pattern: &Path) -> Result<(), InputError> {
-        let text = readable(pattern.as_os_str());
-        let paths = glob::glob(&text).map_err(|e| InputError::BadGlob {
-            pattern: text.clone(),
+        let text = pattern.to_str().ok_or_else(|| InputError::BadGlob {
+            pattern: readable(pattern.as_os_str()),
+            reason: "it is not UTF-8".to_owned(),
+        })?;
+        let paths = glob::glob(text).map_err(|e| InputError::BadGlob {
+            pattern: text.to_owned(),
             reason: e.msg.to_owned(),
         })?;
         for path in paths {
@@ -241,11 +257,23 @@ fn is_recording(name: &OsStr) -> bool {
     name.ends_with(b".mcap") || name.ends_with(b".mcap.zst")
 }
 
-/// A name as text; bytes that are not UTF-8 stand as `\xNN`, so that different names stay different.
+/// A name as text: bytes that are not UTF-8 stand as `\xNN`, and so does the backslash of a name that holds such text
+/// already. Different names stay different.
 pub(crate) fn readable(name: &OsStr) -> String {
     let mut text = String::new();
     for chunk in name.as_encoded_bytes().utf8_chunks() {
-        text.push_str(chunk.valid());
+        let mut valid = chunk.valid();
+        while let Some(at) = valid.find("\\x") {
+            let is_escape = |b: &u8| b.is_ascii_digit() || (b'A'..=b'F').contains(b);
+            let digits = valid.as_bytes().get(at + 2..at + 4);
+            text.push_str(&valid[..at]);
+            text.push_str(match digits {
+                Some(digits) if digits.iter().all(is_escape) => "\\x5C",
+                _ => "\\",
+            });
+            valid = &valid[at + 1..];
+        }
+        text.push_str(valid);
         for byte in chunk.invalid() {
             let _infallible = write!(text, "\\x{byte:02X}");
         }
@@ -290,6 +318,17 @@ mod tests {
             ["deep/y.MCAP", "x.mcap"]
         );
         assert_eq!(names(&[root.join("*/x.mcap")]), ["a/x.mcap", "b/x.mcap"]);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn names_that_are_not_utf8_stay_apart_from_those_that_look_like_them() {
+        use std::os::unix::ffi::OsStrExt;
+        let of = |name: &[u8]| readable(OsStr::from_bytes(name));
+        assert_eq!(of(b"a\xff.mcap"), "a\\xFF.mcap");
+        assert_eq!(of(b"a\\xFF.mcap"), "a\\x5CxFF.mcap");
+        assert_eq!(of(b"a\\x5CxFF"), "a\\x5Cx5CxFF");
+        assert_eq!(of("b\\x \\xz \\n é".as_bytes()), "b\\x \\xz \\n é");
     }
 
     #[test]

@@ -85,6 +85,11 @@ impl Channels {
         self.schemas.get(&id)
     }
 
+    /// Every channel, by id.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = &Channel> {
+        self.by_id.values()
+    }
+
     /// Counts one message; false if its channel is not defined.
     pub(crate) fn count(&mut self, id: u16) -> bool {
         // Messages of one channel come in runs: the map is asked once a run.

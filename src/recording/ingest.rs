@@ -197,7 +197,7 @@ impl Ingest {
     }
 
     fn message(&mut self, message: &Message<'_>, offset: u64) -> Result<(), RecordingError> {
-        if !self.channels.count(message.channel_id) && !self.rescued(message.channel_id) {
+        if !self.channels.count(message.channel_id) && !self.rescued(message.channel_id, offset)? {
             self.tally
                 .note("message of a channel that is not defined", offset, 1);
             return Ok(());
@@ -212,12 +212,23 @@ impl Ingest {
     }
 
     /// Is the channel defined in the summary, the data having lost its definition?
-    fn rescued(&mut self, id: u16) -> bool {
-        self.damage.is_some()
+    fn rescued(&mut self, id: u16, offset: u64) -> Result<bool, RecordingError> {
+        // A recording that is to be whole or refused cannot be mended on the way.
+        let is_there = self.options.on_damage == OnDamage::Recover
             && self
                 .channels
                 .rescue(&self.files[self.at], &self.options.limits)
-            && self.channels.count(id)
+            && self.channels.count(id);
+        if is_there && self.damage.is_none() {
+            // Where the definition was, messages may have been too.
+            self.damage(Damage {
+                cause: "definitions lost from the data",
+                what: "a channel is defined in the summary alone, for the message",
+                offset,
+                loses_messages: true,
+            })?;
+        }
+        Ok(is_there)
     }
 
     /// Makes what reads the channel of a route, if that is still to be done and this message shows how.
@@ -633,7 +644,8 @@ impl Sink for Ingest {
     }
 }
 
-fn name(opcode: u8) -> &'static str {
+/// What a record is called in messages.
+pub(crate) fn name(opcode: u8) -> &'static str {
     match opcode {
         op::SCHEMA => "schema",
         op::CHANNEL => "channel",

@@ -67,7 +67,7 @@ fn find_in_file(file: File, len: u64, limits: &Limits) -> io::Result<Option<Name
         offset += head.len() as u64;
         let [opcode, length @ ..] = head;
         let length = u64::from_le_bytes(length);
-        if length > len - offset || opcode == op::DATA_END {
+        if length > len - offset || opcode == op::DATA_END || opcode == 0 {
             return Ok(None);
         }
         offset += length;
@@ -90,7 +90,7 @@ fn find_in_stream(reader: impl Read, limits: &Limits) -> io::Result<Option<Names
     let mut source = RecordSource::new(reader, None, limits);
     let mut body = Vec::new();
     loop {
-        match source.next(|opcode| opcode == op::METADATA, &mut body)? {
+        match source.next(|opcode| opcode == op::METADATA, &mut body) {
             Next::Record {
                 opcode: op::METADATA,
                 ..
@@ -105,7 +105,8 @@ fn find_in_stream(reader: impl Read, limits: &Limits) -> io::Result<Option<Names
             }
             | Next::Cut { .. }
             | Next::ClosingMagic { .. }
-            | Next::End { .. } => {
+            | Next::End { .. }
+            | Next::NoRecord { .. } => {
                 return Ok(None);
             }
             Next::Record { .. } | Next::TooLarge { .. } => {}

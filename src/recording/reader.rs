@@ -4,12 +4,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::error::RecordingError;
-use super::ingest::Ingest;
+use super::ingest::{self, Ingest};
 use super::layout::{self, Layout};
 use super::options::{OnDamage, ReadOptions};
 use super::plan::Plan;
+use super::records::op;
 use super::scan::{Damage, Scanner, Sink};
 use super::survey::{Survey, at_offset, file_name};
+use super::wire::{Channel, Message, Metadata, Schema};
 use crate::model::{Cause, ChosenLayout, Episode, RecordingRow, RecordingStatus};
 
 /// Bytes of a file after which reading pauses even where no episode is complete, so that a run can show progress and
@@ -305,8 +307,18 @@ fn known_fields(plan: &Plan) -> String {
 fn check(files: &[PathBuf], options: &ReadOptions) -> Result<(), RecordingError> {
     struct Checker(Option<String>);
     impl Sink for Checker {
-        fn record(&mut self, _: u8, _: &[u8], _: u64) -> Result<(), RecordingError> {
-            Ok(())
+        fn record(&mut self, opcode: u8, body: &[u8], offset: u64) -> Result<(), RecordingError> {
+            let parsed = match opcode {
+                op::SCHEMA => Schema::parse(body).map(|_| ()),
+                op::CHANNEL => Channel::parse(body).map(|_| ()),
+                op::MESSAGE => Message::parse(body).map(|_| ()),
+                op::METADATA => Metadata::parse(body).map(|_| ()),
+                _ => Ok(()),
+            };
+            parsed.map_err(|e| {
+                let name = ingest::name(opcode);
+                RecordingError::Damaged(format!("{name} record {e} at offset {offset}"))
+            })
         }
         fn damage(&mut self, damage: Damage<'_>) -> Result<(), RecordingError> {
             let Damage { what, offset, .. } = damage;

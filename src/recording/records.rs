@@ -43,6 +43,8 @@ pub(crate) enum Next {
     ClosingMagic { junk: u64 },
     /// The file ends between two records, without the closing magic; `tail` bytes are no record.
     End { offset: u64, tail: u64 },
+    /// What stands here is no record: no record has opcode 0, and where the next begins is not known.
+    NoRecord { offset: u64 },
 }
 
 /// Reads records from the front of a stream to its end.
@@ -52,6 +54,8 @@ pub(crate) struct RecordSource<R> {
     /// Bytes of the file at opening; unknown for a compressed file.
     len: Option<u64>,
     max_record: u64,
+    /// Why the stream ended where it did, if reading failed there.
+    error: Option<io::Error>,
     crc: crc32fast::Hasher,
     crc_before_last: crc32fast::Hasher,
 }
@@ -67,6 +71,7 @@ impl<R: Read> RecordSource<R> {
             offset: MAGIC.len() as u64,
             len,
             max_record: limits.max_record,
+            error: None,
             crc,
             crc_before_last,
         }
@@ -82,28 +87,33 @@ impl<R: Read> RecordSource<R> {
         self.offset
     }
 
+    /// The error that ended the stream, if one did: to its reader a file that cannot be read on is a file that is cut.
+    pub(crate) fn take_error(&mut self) -> Option<io::Error> {
+        self.error.take()
+    }
+
     /// Reads on by one record. The body lands in `body` if `wanted(opcode)`, else it is passed over.
-    pub(crate) fn next(
-        &mut self,
-        wanted: impl Fn(u8) -> bool,
-        body: &mut Vec<u8>,
-    ) -> io::Result<Next> {
+    pub(crate) fn next(&mut self, wanted: impl Fn(u8) -> bool, body: &mut Vec<u8>) -> Next {
         body.clear();
         self.crc_before_last = self.crc.clone();
         let offset = self.offset;
         let mut head = [0; HEAD];
-        let got = self.fill(&mut head)?;
+        let got = self.fill(&mut head);
         if got >= MAGIC.len() && head[..MAGIC.len()] == *MAGIC {
-            let junk = (got - MAGIC.len()) as u64 + self.skip(u64::MAX)?;
-            return Ok(Next::ClosingMagic { junk });
+            let junk = (got - MAGIC.len()) as u64 + self.skip(u64::MAX);
+            return Next::ClosingMagic { junk };
         }
         if got < HEAD {
-            return Ok(Next::End {
+            return Next::End {
                 offset,
                 tail: got as u64,
-            });
+            };
         }
         let opcode = head[0];
+        if opcode == 0 {
+            self.skip(u64::MAX);
+            return Next::NoRecord { offset };
+        }
         let [_, length @ ..] = head;
         let declared = u64::from_le_bytes(length);
         if let Some(available) = self.left().filter(|&left| declared > left) {
@@ -112,11 +122,11 @@ impl<R: Read> RecordSource<R> {
         let is_wanted = wanted(opcode);
         let is_large = declared > self.max_record;
         let available = if is_wanted && !is_large {
-            self.read_body(declared, body)?
+            self.read_body(declared, body)
         } else {
-            self.skip(declared)?
+            self.skip(declared)
         };
-        Ok(if available < declared {
+        if available < declared {
             Next::Cut {
                 opcode,
                 offset,
@@ -131,7 +141,7 @@ impl<R: Read> RecordSource<R> {
             }
         } else {
             Next::Record { opcode, offset }
-        })
+        }
     }
 
     /// The record that the end of the file falls into.
@@ -143,18 +153,18 @@ impl<R: Read> RecordSource<R> {
         available: u64,
         wanted: bool,
         body: &mut Vec<u8>,
-    ) -> io::Result<Next> {
+    ) -> Next {
         if wanted && available <= self.max_record {
-            self.read_body(available, body)?;
+            self.read_body(available, body);
         } else {
-            self.skip(available)?;
+            self.skip(available);
         }
-        Ok(Next::Cut {
+        Next::Cut {
             opcode,
             offset,
             declared,
             available,
-        })
+        }
     }
 
     fn left(&self) -> Option<u64> {
@@ -162,54 +172,54 @@ impl<R: Read> RecordSource<R> {
     }
 
     /// Reads until `buffer` is full or the stream ends; how many bytes came.
-    fn fill(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+    fn fill(&mut self, buffer: &mut [u8]) -> usize {
         let limit = self.left().map_or(buffer.len(), |left| {
             usize::try_from(left).map_or(buffer.len(), |left| left.min(buffer.len()))
         });
         let mut got = 0;
-        while got < limit {
+        while got < limit && self.error.is_none() {
             match self.reader.read(&mut buffer[got..limit]) {
                 Ok(0) => break,
                 Ok(n) => got += n,
                 Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
-                Err(e) => return Err(e),
+                Err(e) => self.error = Some(e),
             }
         }
         self.crc.update(&buffer[..got]);
         self.offset += got as u64;
-        Ok(got)
+        got
     }
 
     /// Reads up to `len` bytes into `body`, which grows only as bytes really come.
-    fn read_body(&mut self, len: u64, body: &mut Vec<u8>) -> io::Result<u64> {
+    fn read_body(&mut self, len: u64, body: &mut Vec<u8>) -> u64 {
         let mut missing = len;
         while missing > 0 {
             let step = usize::try_from(missing.min(READ_STEP)).unwrap_or(usize::MAX);
             let start = body.len();
             body.resize(start + step, 0);
-            let got = self.fill(&mut body[start..])?;
+            let got = self.fill(&mut body[start..]);
             body.truncate(start + got);
             missing -= got as u64;
             if got < step {
                 break;
             }
         }
-        Ok(len - missing)
+        len - missing
     }
 
     /// Passes over up to `len` bytes; how many there were.
-    fn skip(&mut self, len: u64) -> io::Result<u64> {
+    fn skip(&mut self, len: u64) -> u64 {
         let mut buffer = [0; 16 << 10];
         let mut skipped = 0;
         while skipped < len {
             let step =
                 usize::try_from((len - skipped).min(buffer.len() as u64)).unwrap_or(buffer.len());
-            let got = self.fill(&mut buffer[..step])?;
+            let got = self.fill(&mut buffer[..step]);
             skipped += got as u64;
             if got < step {
                 break;
             }
         }
-        Ok(skipped)
+        skipped
     }
 }

@@ -20,7 +20,7 @@ pub(crate) fn definitions(
     let mut body = Vec::new();
     let wanted = |opcode| matches!(opcode, op::SCHEMA | op::CHANNEL);
     loop {
-        match stream.next(wanted, &mut body)? {
+        match stream.next(wanted, &mut body) {
             Next::Record {
                 opcode: op::DATA_END,
                 ..
@@ -33,7 +33,10 @@ pub(crate) fn definitions(
                 ..
             } if in_summary => channels.extend(Channel::parse(&body)),
             Next::Record { .. } | Next::TooLarge { .. } => {}
-            Next::Cut { .. } | Next::ClosingMagic { .. } | Next::End { .. } => {
+            Next::Cut { .. }
+            | Next::ClosingMagic { .. }
+            | Next::End { .. }
+            | Next::NoRecord { .. } => {
                 return Ok((schemas, channels));
             }
         }

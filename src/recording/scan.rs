@@ -1,12 +1,14 @@
 //! Walks all records of one file, those inside chunks too, and hands them to a sink. What is damaged is told and
 //! passed over: one chunk is the unit of loss.
 
-use std::path::Path;
+use std::fmt::Write as _;
+use std::fs;
+use std::path::{Path, PathBuf};
 
 use super::chunk::Inflater;
 use super::error::RecordingError;
 use super::limits::Limits;
-use super::open::{self, Stream};
+use super::open::{self, Fill, Stream};
 use super::records::{Next, op};
 use super::wire::{Chunk, Cursor, WireError};
 
@@ -34,15 +36,29 @@ pub(crate) trait Sink {
 
 /// The records of one file, from front to back.
 pub(crate) struct Scanner {
+    path: PathBuf,
     bytes: u64,
+    fill: Option<Fill>,
     stream: Stream,
     inflater: Inflater,
     body: Vec<u8>,
     limits: Limits,
-    in_summary: bool,
+    section: Section,
+    /// A data end record came.
+    ended: bool,
     /// A chunk is lost, and told of.
     has_lost_chunk: bool,
     done: bool,
+}
+
+/// Which section of the file is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Section {
+    Data,
+    Summary {
+        /// The CRC in the data end record is that of the data: nothing behind it is data.
+        for_sure: bool,
+    },
 }
 
 impl Scanner {
@@ -50,12 +66,15 @@ impl Scanner {
     pub(crate) fn open(path: &Path, limits: &Limits) -> Result<Self, RecordingError> {
         let opened = open::open(path, limits)?;
         Ok(Self {
+            path: path.to_owned(),
             bytes: opened.bytes,
+            fill: opened.fill,
             stream: opened.stream,
             inflater: Inflater::default(),
             body: Vec::new(),
             limits: *limits,
-            in_summary: false,
+            section: Section::Data,
+            ended: false,
             has_lost_chunk: false,
             done: false,
         })
@@ -78,20 +97,20 @@ impl Scanner {
 
     /// Takes the next record of the outer loop: a chunk and all that is in it, or a record on its own.
     pub(crate) fn step(&mut self, sink: &mut impl Sink) -> Result<(), RecordingError> {
-        let in_summary = self.in_summary;
-        let wanted = |opcode| !in_summary && is_wanted(opcode);
-        let next = self.stream.next(wanted, &mut self.body)?;
-        match next {
-            Next::Record { .. } if in_summary => Ok(()),
-            Next::Record {
-                opcode: op::DATA_END,
-                offset,
-            } => self.data_end(offset, sink),
-            Next::Record {
-                opcode: op::CHUNK,
-                offset,
-            } => self.chunk(offset, true, sink),
-            Next::Record { opcode, offset } => sink.record(opcode, &self.body, offset),
+        let section = self.section;
+        let wanted = |opcode| match section {
+            Section::Data => is_wanted(opcode),
+            Section::Summary { for_sure } => is_data(opcode) && !for_sure,
+        };
+        match self.stream.next(wanted, &mut self.body) {
+            Next::Record { opcode, offset } if section != Section::Data => {
+                if !wanted(opcode) {
+                    return Ok(());
+                }
+                self.go_on_with_data(offset, sink)?;
+                self.record(opcode, offset, sink)
+            }
+            Next::Record { opcode, offset } => self.record(opcode, offset, sink),
             Next::TooLarge {
                 opcode,
                 offset,
@@ -102,54 +121,111 @@ impl Scanner {
                 offset,
                 declared,
                 available,
-            } => self.cut(opcode, offset, declared, available, sink),
-            Next::ClosingMagic { junk } => self.closing_magic(junk, sink),
-            Next::End { offset, tail } => {
-                self.done = true;
-                sink.damage(Damage {
-                    cause: "file is cut",
-                    what: &format!(
-                        "the file is cut: no closing magic ({tail} bytes are no record)"
-                    ),
-                    offset,
-                    loses_messages: !in_summary,
-                })
+            } => {
+                if section == Section::Data && opcode == op::CHUNK {
+                    self.chunk(offset, false, sink)?;
+                }
+                let what =
+                    format!("its last record declares {declared} bytes, and {available} are left");
+                self.cut(&what, offset, sink)
             }
+            Next::End { offset, tail } => {
+                let what = format!("no closing magic ({tail} bytes are no record)");
+                self.cut(&what, offset, sink)
+            }
+            Next::NoRecord { offset } => self.cut("there is no record, but opcode 0", offset, sink),
+            Next::ClosingMagic { junk } => self.closing_magic(junk, sink),
         }
     }
 
-    fn cut(
+    fn record(
         &mut self,
         opcode: u8,
         offset: u64,
-        declared: u64,
-        available: u64,
         sink: &mut impl Sink,
     ) -> Result<(), RecordingError> {
+        match opcode {
+            op::DATA_END => self.data_end(offset, sink),
+            op::CHUNK => self.chunk(offset, true, sink),
+            opcode => sink.record(opcode, &self.body, offset),
+        }
+    }
+
+    /// The file ends before its closing magic, or cannot be read on.
+    fn cut(&mut self, what: &str, offset: u64, sink: &mut impl Sink) -> Result<(), RecordingError> {
         self.done = true;
-        if !self.in_summary && opcode == op::CHUNK {
-            self.chunk(offset, false, sink)?;
+        let mut what = format!("the file is cut: {what}");
+        if let Some(Fill { value, n_bytes }) = self.fill {
+            let _infallible = write!(what, ", then {n_bytes} bytes of {value:#04x}");
+        }
+        let mut cause = "file is cut";
+        if let Some(e) = self.stream.take_error() {
+            cause = "file cannot be read on";
+            let _infallible = write!(what, "; it cannot be read on ({e})");
         }
         sink.damage(Damage {
-            cause: "file is cut",
-            what: &format!(
-                "the file is cut: its last record declares {declared} bytes, and {available} are left"
-            ),
+            cause,
+            what: &what,
             offset,
-            loses_messages: !self.in_summary,
-        })
+            loses_messages: self.section == Section::Data,
+        })?;
+        self.changed(sink)
     }
 
     fn closing_magic(&mut self, junk: u64, sink: &mut impl Sink) -> Result<(), RecordingError> {
         self.done = true;
-        if junk == 0 {
-            return Ok(());
+        let offset = self.stream.offset() - junk;
+        if !self.ended {
+            // Without it a record that swallowed the rest of the data would not be noticed.
+            sink.damage(Damage {
+                cause: "no data end record",
+                what: "there is no data end record in front of the closing magic",
+                offset,
+                loses_messages: true,
+            })?;
         }
+        let junk = junk + self.fill.map_or(0, |fill| fill.n_bytes);
+        let what = match self.stream.take_error() {
+            Some(e) => format!("what follows the closing magic cannot be read ({e})"),
+            None if junk == 0 => return self.changed(sink),
+            None => format!("{junk} bytes follow the closing magic"),
+        };
         sink.damage(Damage {
             cause: "bytes after the end of the file",
-            what: &format!("{junk} bytes follow the closing magic"),
-            offset: self.stream.offset() - junk,
+            what: &what,
+            offset,
             loses_messages: false,
+        })?;
+        self.changed(sink)
+    }
+
+    /// Tells of a file that is not what it was at opening: what was there then is what was read.
+    fn changed(&self, sink: &mut impl Sink) -> Result<(), RecordingError> {
+        let now = fs::metadata(&self.path).map_or(self.bytes, |about| about.len());
+        let (cause, how) = match now.cmp(&self.bytes) {
+            std::cmp::Ordering::Equal => return Ok(()),
+            std::cmp::Ordering::Greater => ("file grew while it was read", "grew"),
+            std::cmp::Ordering::Less => ("file shrank while it was read", "shrank"),
+        };
+        sink.damage(Damage {
+            cause,
+            what: &format!(
+                "the file {how} while it was read, from {} bytes to {now},",
+                self.bytes
+            ),
+            offset: now.min(self.bytes),
+            loses_messages: false,
+        })
+    }
+
+    /// Data behind a data end record that was none, or whose CRC does not vouch for it.
+    fn go_on_with_data(&mut self, offset: u64, sink: &mut impl Sink) -> Result<(), RecordingError> {
+        self.section = Section::Data;
+        sink.damage(Damage {
+            cause: "data behind the end of the data",
+            what: "there is data behind the end of the data section",
+            offset,
+            loses_messages: true,
         })
     }
 
@@ -167,18 +243,21 @@ impl Scanner {
                 self.limits.max_record
             ),
             offset,
-            loses_messages: matches!(opcode, op::CHUNK | op::MESSAGE),
+            loses_messages: is_data(opcode),
         })
     }
 
     /// The data section ends here; what follows is the summary.
     fn data_end(&mut self, offset: u64, sink: &mut impl Sink) -> Result<(), RecordingError> {
-        self.in_summary = true;
+        self.ended = true;
         let declared = self
             .body
             .first_chunk::<4>()
             .map_or(0, |bytes| u32::from_le_bytes(*bytes));
         let found = self.stream.crc_before_last();
+        self.section = Section::Summary {
+            for_sure: found == declared,
+        };
         if declared == 0 || found == declared {
             return Ok(());
         }
@@ -231,6 +310,11 @@ fn is_wanted(opcode: u8) -> bool {
         opcode,
         op::SCHEMA | op::CHANNEL | op::MESSAGE | op::CHUNK | op::METADATA | op::DATA_END
     )
+}
+
+/// Opcodes of records that hold messages.
+fn is_data(opcode: u8) -> bool {
+    matches!(opcode, op::CHUNK | op::MESSAGE)
 }
 
 fn lost_chunk<'a>(cause: &'a str, what: &'a str, offset: u64) -> Damage<'a> {

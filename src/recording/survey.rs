@@ -193,17 +193,6 @@ impl Surveyor {
         }
     }
 
-    /// Takes over from the summary of a damaged file what its data no longer defines.
-    fn rescue(&mut self) {
-        if self.n_damages == 0 || !self.channels.rescue(&self.path, &self.limits) {
-            return;
-        }
-        let channels: Vec<Channel> = self.channels.counted().map(|(c, _)| c.clone()).collect();
-        for channel in &channels {
-            self.channel(channel);
-        }
-    }
-
     fn note(&mut self, what: &str, offset: u64) {
         self.n_damages += 1;
         if self.damage.len() < KEPT_DAMAGE {
@@ -221,6 +210,16 @@ impl Surveyor {
         });
         if !is_known {
             topic.channels.push((channel.clone(), schema.cloned()));
+        }
+    }
+
+    /// Takes definitions from the summary that the data has lost.
+    fn rescue(&mut self) {
+        if self.channels.rescue(&self.path, &self.limits) {
+            let channels: Vec<Channel> = self.channels.iter().cloned().collect();
+            for channel in &channels {
+                self.channel(channel);
+            }
         }
     }
 

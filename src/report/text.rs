@@ -103,8 +103,23 @@ impl RunSummary {
                 compact(rate)
             ),
         );
+        self.chosen_and_before(text);
+        if self.n_messages_refused > 0 {
+            line(
+                text,
+                &format!(
+                    "{} of {} messages refused",
+                    count(self.n_messages_refused),
+                    count(self.n_messages)
+                ),
+            );
+        }
+    }
+
+    /// Which layouts were found out, and what had been done before.
+    fn chosen_and_before(&self, text: &mut String) {
         for (layout, &n) in self.layouts.iter().filter(|(layout, _)| !layout.is_native) {
-            let of_how_many = if n_recordings > 1 {
+            let of_how_many = if self.recordings.values().sum::<u64>() > 1 {
                 format!(" in {} {}", count(n), plural(n, "recording"))
             } else {
                 String::new()
@@ -123,16 +138,6 @@ impl RunSummary {
                     plural(self.n_recordings_before, "recording"),
                     count(self.n_episodes_before),
                     plural(self.n_episodes_before, "episode"),
-                ),
-            );
-        }
-        if self.n_messages_refused > 0 {
-            line(
-                text,
-                &format!(
-                    "{} of {} messages refused",
-                    count(self.n_messages_refused),
-                    count(self.n_messages)
                 ),
             );
         }

@@ -15,9 +15,13 @@
 mod alignment;
 mod architecture;
 mod cli;
+mod corpus;
 mod durability;
 mod extraction_golden;
 mod extraction_properties;
+mod hostile;
+mod hostile_files;
+mod hostile_runs;
 mod layouts;
 mod recording;
 mod support;

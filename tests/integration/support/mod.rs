@@ -1,10 +1,14 @@
 //! What several tests need.
 
+pub(crate) mod broken;
+pub(crate) mod checked;
 pub(crate) mod messages;
 pub(crate) mod naive;
+pub(crate) mod raw_mcap;
 pub(crate) mod reading;
 pub(crate) mod recording_builder;
 pub(crate) mod rows;
+pub(crate) mod subjects;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
