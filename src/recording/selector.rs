@@ -150,6 +150,7 @@ fn parse_bracket(inside: &str) -> Result<(PathPart, &str), &'static str> {
             usize::MAX => return Err("an index is too large"),
             index => PathPart::Index(index),
         },
+        _ if text.starts_with('"') => return Err("a quoted name does not end with \"]"),
         _ => PathPart::Name(text.to_owned()),
     };
     Ok((part, after))
@@ -160,7 +161,7 @@ impl fmt::Display for Selector {
         write!(f, "{}:", self.topic)?;
         for (i, part) in self.path.iter().enumerate() {
             match part {
-                PathPart::Key(key) if key.contains(['.', '[']) || key.is_empty() => {
+                PathPart::Key(key) if key.contains(['.', '[', ':']) || key.is_empty() => {
                     write!(f, "[\"{key}\"]")?;
                 }
                 PathPart::Key(key) if i == 0 => f.write_str(key)?,
@@ -203,6 +204,7 @@ mod tests {
             "/t:[\"a.b\"].c",
             "a:b:c",
             "/t:x[a:b]",
+            "/t:a[\"x:y\"][3]",
         ] {
             let selector: Selector = text.parse().unwrap();
             assert_eq!(selector.to_string(), text);
@@ -228,6 +230,7 @@ mod tests {
             ("/t:a[1]b", "is expected behind a bracket"),
             ("/t:a[99999999999999999999999]", "too large"),
             ("/t[0]", "no colon"),
+            ("/t:a[ \"x]", "quoted name"),
         ] {
             let error = text.parse::<Selector>().unwrap_err().to_string();
             assert!(error.contains(word), "{text}: {error}");
