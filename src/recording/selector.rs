@@ -169,6 +169,7 @@ fn parse_bracket(inside: &str) -> Result<(PathPart, &str), &'static str> {
             usize::MAX => return Err("an index is too large"),
             index => PathPart::Index(index),
         },
+        _ if text.starts_with('"') => return Err("a quoted name does not end with \"]"),
         _ => PathPart::Name(text.to_owned()),
     };
     Ok((part, after))
@@ -224,6 +225,7 @@ mod tests {
             "/t:[\"a:b\"]",
             "/t [0]:a[b:c]",
             "a:b [0]:c[1]",
+            "/t:a[\"x:y\"][3]",
         ] {
             let selector: Selector = text.parse().unwrap();
             assert_eq!(selector.to_string(), text);
@@ -251,6 +253,7 @@ mod tests {
             ("/t:a[99999999999999999999999]", "too large"),
             ("/t[0]", "no colon"),
             ("/t:a]", "was not opened"),
+            ("/t:a[ \"x]", "quoted name"),
         ] {
             let error = text.parse::<Selector>().unwrap_err().to_string();
             assert!(error.contains(word), "{text}: {error}");
