@@ -131,9 +131,9 @@ pub struct RunSummary {
     pub recordings: BTreeMap<&'static str, u64>,
     /// Episodes by status.
     pub episodes: BTreeMap<&'static str, u64>,
-    /// Recordings that an earlier process of the same run had written, and their episodes.
+    /// Recordings that an earlier process of the same run had written.
     pub n_recordings_before: u64,
-    /// Episodes of those.
+    /// Episodes of those, and of one that it had begun to write.
     pub n_episodes_before: u64,
     /// Something of those was refused, recovered or incomplete.
     #[serde(skip)]
@@ -217,6 +217,11 @@ impl RunSummary {
         self.n_recordings_before += 1;
         self.n_episodes_before += n_episodes;
         self.is_unclean_before |= !clean;
+    }
+
+    /// Counts the episodes of a recording that an earlier process has begun to write.
+    pub fn add_begun_before(&mut self, n_episodes: u64) {
+        self.n_episodes_before += n_episodes;
     }
 
     /// Counts one recording, whose episodes came before.

@@ -74,6 +74,13 @@ impl RunSummary {
 
     fn totals(&self, text: &mut String) {
         let n_recordings: u64 = self.recordings.values().sum();
+        if n_recordings == 0 && self.n_recordings_before > 0 {
+            line(
+                text,
+                &format!("nothing to do: {} before", self.written_before()),
+            );
+            return;
+        }
         let n_episodes: u64 = self.episodes.values().sum();
         let rate = if self.seconds > 0.0 {
             self.n_steps as f64 / self.seconds
@@ -103,17 +110,8 @@ impl RunSummary {
                 compact(rate)
             ),
         );
-        if self.n_recordings_before > 0 {
-            line(
-                text,
-                &format!(
-                    "{} {} with {} {} had been written before",
-                    count(self.n_recordings_before),
-                    plural(self.n_recordings_before, "recording"),
-                    count(self.n_episodes_before),
-                    plural(self.n_episodes_before, "episode"),
-                ),
-            );
+        if self.n_episodes_before > 0 || self.n_recordings_before > 0 {
+            line(text, &format!("{} before", self.written_before()));
         }
         if self.n_messages_refused > 0 {
             line(
@@ -125,6 +123,18 @@ impl RunSummary {
                 ),
             );
         }
+    }
+
+    fn written_before(&self) -> String {
+        let (n_recordings, n_episodes) = (self.n_recordings_before, self.n_episodes_before);
+        let episodes = format!("{} {}", count(n_episodes), plural(n_episodes, "episode"));
+        let of_whole = format!(
+            "{} {} with ",
+            count(n_recordings),
+            plural(n_recordings, "recording")
+        );
+        let whole = if n_recordings > 0 { &*of_whole } else { "" };
+        format!("{whole}{episodes} had been written")
     }
 }
 

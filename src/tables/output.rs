@@ -28,7 +28,8 @@ pub struct OutputDirectory {
 
 impl OutputDirectory {
     /// Opens `directory` for the run that `options` describe, and removes what a process that was stopped left
-    /// unfinished. With `overwrite` it begins empty, else with what is committed.
+    /// unfinished. With `overwrite`, or where the run in it has given no episode, it begins empty, else with what is
+    /// committed.
     ///
     /// # Errors
     /// [`TableError::AnotherRun`] if it holds a run with other parameters, [`TableError::Locked`] if another process
@@ -40,13 +41,18 @@ impl OutputDirectory {
     ) -> Result<Self, TableError> {
         let storage = Storage::new(options.faults.clone());
         let run = Run::new(options.steps, &options.metadata);
-        if !overwrite {
+        if directory.exists() && !directory.is_dir() {
+            let what = std::io::Error::from(std::io::ErrorKind::NotADirectory);
+            return Err(TableError::io("write tables to", directory)(what));
+        }
+        let begins_empty = || overwrite || is_without_episodes(directory, options.shard);
+        if !begins_empty() {
             // Refused before anything is made or locked: nothing of it is ours.
             check_run(directory, &run)?;
         }
         storage.create_folder(&commit::commits_folder(directory))?;
         let lock = lock(&storage, directory, options.shard)?;
-        if overwrite {
+        if begins_empty() {
             directory::clear(&storage, directory)?;
         } else {
             check_run(directory, &run)?;
@@ -151,11 +157,21 @@ fn check_run(directory: &Path, asked: &Run) -> Result<(), TableError> {
     }
 }
 
+/// Does `directory` hold a run that has given no episode, so that nothing is lost with it? Not where others may be
+/// writing their shards of it.
+fn is_without_episodes(directory: &Path, shard: u32) -> bool {
+    let is_run = matches!(commit::read_run(directory), Ok(Some(_)));
+    let is_empty = |commit: &Commit| {
+        commit.open.is_none() && commit.recordings.iter().all(|r| r.n_episodes == 0)
+    };
+    is_run
+        && commit::read_commits(directory, shard).is_ok_and(|c| c.values().all(is_empty))
+        && directory::is_of_shard_alone(directory, shard)
+}
+
 /// A lock that the system releases when its holder ends, however that comes.
 fn lock(storage: &Storage, directory: &Path, shard: u32) -> Result<File, TableError> {
-    let path = directory
-        .join(commit::FOLDER)
-        .join(format!("lock-{shard:05}"));
+    let path = commit::lock_path(directory, shard);
     let mut file = storage.open_lock(&path)?;
     match file.try_lock() {
         Ok(()) => {}
