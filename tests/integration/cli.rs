@@ -260,6 +260,35 @@ fn a_configuration_gives_options_and_the_command_line_wins() {
 }
 
 #[test]
+fn progress_goes_into_a_pipe_if_asked_for() {
+    let dir = one_recording();
+    let run = |when| {
+        stderr(&coact(&[
+            "extract",
+            text(dir.path()),
+            "--dry-run",
+            "--progress",
+            when,
+        ]))
+    };
+    assert!(run("always").contains("1/1 recordings  2 episodes"));
+    assert_eq!(run("auto") + &run("never"), "");
+}
+
+#[test]
+fn an_output_that_is_a_file_is_said_to_be_one() {
+    let dir = one_recording();
+    let file = dir.path().join("good.mcap");
+    let output = coact(&["extract", text(dir.path()), "-o", text(&file)]);
+    assert_eq!(code(&output), 1);
+    assert!(
+        stderr(&output).contains("not a directory"),
+        "{}",
+        stderr(&output)
+    );
+}
+
+#[test]
 fn completions_and_help() {
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
         let output = coact(&["completions", shell]);
