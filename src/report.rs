@@ -179,7 +179,7 @@ const NAMED_INCOMPLETE: usize = 3;
 impl RunSummary {
     /// Counts one episode. Its recording's row must follow, after all its episodes.
     pub fn add_episode(&mut self, episode: &Episode, outcome: &Outcome) {
-        let status = status_of(episode, outcome);
+        let status = EpisodeStatus::of(episode, outcome);
         *self.episodes.entry(status.as_str()).or_default() += 1;
         self.n_steps += episode.n_steps() as u64;
         self.n_dropped_steps += episode.n_dropped_steps;
@@ -282,15 +282,6 @@ impl RunSummary {
             summary: self,
         })
         .unwrap_or_default()
-    }
-}
-
-/// What the `status` column says of an episode.
-fn status_of(episode: &Episode, outcome: &Outcome) -> EpisodeStatus {
-    match (&episode.incomplete, outcome) {
-        (Some(_), _) => EpisodeStatus::Incomplete,
-        (None, Outcome::TooShort { .. }) => EpisodeStatus::TooShort,
-        (None, Outcome::Extracted(_)) => EpisodeStatus::Ok,
     }
 }
 

@@ -5,9 +5,7 @@ use std::sync::Arc;
 use arrow::array::RecordBatch;
 
 use super::schema::Table;
-use crate::model::{
-    Episode, EpisodeStatus, JointExtraction, JointMode, Outcome, RecordingRow, Series,
-};
+use crate::model::{Episode, JointExtraction, JointMode, Outcome, RecordingRow, Series};
 
 mod columns;
 mod episodes;
@@ -134,15 +132,6 @@ impl JointKey {
                 name: None,
             },
         }
-    }
-}
-
-/// What the `status` column says of an episode.
-fn status(episode: &Episode, outcome: &Outcome) -> EpisodeStatus {
-    match (&episode.incomplete, outcome) {
-        (Some(_), _) => EpisodeStatus::Incomplete,
-        (None, Outcome::TooShort { .. }) => EpisodeStatus::TooShort,
-        (None, Outcome::Extracted(_)) => EpisodeStatus::Ok,
     }
 }
 
