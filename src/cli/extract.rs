@@ -33,6 +33,9 @@ Exit codes:
   3  done, but a recording failed or was recovered, a message was refused, or an episode is incomplete
   130, 143  interrupted (Ctrl-C, SIGTERM); the same command goes on";
 
+/// More threads than any machine has cores would only take its memory.
+const MAX_THREADS: usize = 1024;
+
 /// Arguments of `coact extract`.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
@@ -452,6 +455,11 @@ impl Options {
         }
         if self.max_open_episodes == Some(0) {
             return Err("max-open-episodes is 0: at least 1 is needed".to_owned());
+        }
+        if let Some(threads) = self.threads.filter(|&n| n > MAX_THREADS) {
+            return Err(format!(
+                "threads is {threads}: expected at most {MAX_THREADS}"
+            ));
         }
         let config = Config {
             params,

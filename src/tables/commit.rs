@@ -55,6 +55,8 @@ pub(super) struct Commit {
     pub(super) recordings: Vec<DoneRecording>,
     /// The recording in which the group was cut.
     pub(super) open: Option<OpenRecording>,
+    /// Steps of the episodes in it.
+    pub(super) n_steps: Option<u64>,
 }
 
 /// What run a directory holds.

@@ -28,7 +28,7 @@ pub struct OutputDirectory {
 
 impl OutputDirectory {
     /// Opens `directory` for the run that `options` describe, and removes what a process that was stopped left
-    /// unfinished. With `overwrite`, or where the run in it has given no episode, it begins empty, else with what is
+    /// unfinished. With `overwrite`, or where the run in it has given no step, it begins empty, else with what is
     /// committed.
     ///
     /// # Errors
@@ -45,7 +45,7 @@ impl OutputDirectory {
             let what = std::io::Error::from(std::io::ErrorKind::NotADirectory);
             return Err(TableError::io("write tables to", directory)(what));
         }
-        let begins_empty = || overwrite || is_without_episodes(directory, options.shard);
+        let begins_empty = || overwrite || is_without_steps(directory, options.shard);
         if !begins_empty() {
             // Refused before anything is made or locked: nothing of it is ours.
             check_run(directory, &run)?;
@@ -157,13 +157,11 @@ fn check_run(directory: &Path, asked: &Run) -> Result<(), TableError> {
     }
 }
 
-/// Does `directory` hold a run that has given no episode, so that nothing is lost with it? Not where others may be
+/// Does `directory` hold a run that has given no step, so that nothing is lost with it? Not where others may be
 /// writing their shards of it.
-fn is_without_episodes(directory: &Path, shard: u32) -> bool {
+fn is_without_steps(directory: &Path, shard: u32) -> bool {
     let is_run = matches!(commit::read_run(directory), Ok(Some(_)));
-    let is_empty = |commit: &Commit| {
-        commit.open.is_none() && commit.recordings.iter().all(|r| r.n_episodes == 0)
-    };
+    let is_empty = |commit: &Commit| commit.n_steps == Some(0);
     is_run
         && commit::read_commits(directory, shard).is_ok_and(|c| c.values().all(is_empty))
         && directory::is_of_shard_alone(directory, shard)

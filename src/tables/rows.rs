@@ -20,9 +20,15 @@ pub struct Batches {
     pub(super) steps: Option<RecordBatch>,
     pub(super) episodes: RecordBatch,
     pub(super) recordings: RecordBatch,
+    n_steps: u64,
 }
 
 impl Batches {
+    /// Steps of its episodes.
+    pub(super) fn n_steps(&self) -> u64 {
+        self.n_steps
+    }
+
     /// The rows of one table; `None` for steps that are not written.
     pub fn table(&self, table: Table) -> Option<&RecordBatch> {
         match table {
@@ -41,6 +47,7 @@ pub struct RowsBuilder {
     steps: Option<steps::StepRows>,
     episodes: episodes::EpisodeRows,
     recordings: recordings::RecordingRows,
+    n_steps: u64,
 }
 
 impl RowsBuilder {
@@ -52,6 +59,7 @@ impl RowsBuilder {
             steps: with_steps.then(steps::StepRows::default),
             episodes: episodes::EpisodeRows::default(),
             recordings: recordings::RecordingRows::default(),
+            n_steps: 0,
         }
     }
 
@@ -83,6 +91,7 @@ impl RowsBuilder {
             }
         }
         self.episodes.append(episode, outcome, joints);
+        self.n_steps += episode.n_steps() as u64;
     }
 
     /// Appends the row of one recording.
@@ -97,6 +106,7 @@ impl RowsBuilder {
             steps: self.steps.map(steps::StepRows::finish),
             episodes: self.episodes.finish(),
             recordings: self.recordings.finish(),
+            n_steps: self.n_steps,
         }
     }
 }

@@ -241,6 +241,8 @@ impl Group {
                 .table(table)
                 .map_or(0, arrow::array::RecordBatch::num_rows)
         };
+        let n_steps = batches.n_steps() + self.commit.n_steps.unwrap_or(0);
+        self.commit.n_steps = Some(n_steps);
         self.n_rows += rows(Table::Steps).max(rows(Table::Segments)) + rows(Table::Episodes);
         Ok(())
     }

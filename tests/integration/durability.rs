@@ -218,7 +218,7 @@ fn a_recording_of_which_only_the_row_is_left_to_write_is_no_failure() {
 }
 
 #[test]
-fn a_run_without_an_episode_is_not_marked_done_and_stands_in_the_way_of_no_other() {
+fn a_run_without_a_step_stands_in_the_way_of_no_other() {
     let dir = tempfile::tempdir().unwrap();
     let (inputs, output) = (dir.path().join("in"), dir.path().join("out"));
     recordings(&inputs, 1);
@@ -231,6 +231,8 @@ fn a_run_without_an_episode_is_not_marked_done_and_stands_in_the_way_of_no_other
     assert_eq!(extract(&inputs, &mistyped), Some(1));
     assert!(!output.join("_SUCCESS").exists());
     assert_eq!(extract(&inputs.join("gone.mcap"), &[]), Some(1));
+    // Every step is bad.
+    assert_eq!(extract(&inputs, &["--state", "/step:stat"]), Some(3));
     assert_eq!(extract(&inputs, &[]), Some(0));
     let fresh = dir.path().join("fresh");
     run(&Config {
