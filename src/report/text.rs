@@ -12,6 +12,9 @@ const NAMED_CAUSES: usize = 4;
 /// Recordings that the text names; JSON names all.
 const NAMED_RECORDINGS: usize = 20;
 
+/// Environments that the text has a row for: where recordings name none, each file may be one.
+const NAMED_ENVIRONMENTS: usize = 40;
+
 /// Joints of an environment that get a line of their own.
 const NAMED_JOINTS: usize = 8;
 
@@ -35,10 +38,17 @@ impl RunSummary {
         let mut text = String::new();
         if !self.environments.is_empty() {
             let mut rows = vec![HEADER.map(String::from)];
-            for (name, environment) in &self.environments {
+            for (name, environment) in self.environments.iter().take(NAMED_ENVIRONMENTS) {
                 rows.extend(environment_rows(name, environment));
             }
             aligned(&mut text, &rows);
+            let unnamed = self.environments.len().saturating_sub(NAMED_ENVIRONMENTS);
+            if unnamed > 0 {
+                line(
+                    &mut text,
+                    &format!("… and {unnamed} more: see the episodes table"),
+                );
+            }
             text.push('\n');
         }
         self.totals(&mut text);
@@ -310,6 +320,20 @@ fn aligned(text: &mut String, rows: &[Row]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn thousands_of_environments_do_not_fill_the_screen() {
+        let mut summary = RunSummary::default();
+        for i in 0..1_000 {
+            let environment = EnvironmentSummary::default();
+            summary
+                .environments
+                .insert(format!("demo_{i}.mcap"), environment);
+        }
+        let text = summary.to_text();
+        assert!(text.lines().count() < 50, "{text}");
+        assert!(text.contains("… and 960 more"), "{text}");
+    }
 
     #[test]
     fn numbers_read_well() {
