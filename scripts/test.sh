@@ -17,4 +17,5 @@ if ! "$python" -m venv "$venv" 2>/dev/null; then
 fi
 "$venv/bin/python" -m pip install --quiet --disable-pip-version-check -r scripts/requirements.txt
 cargo build --locked --release
-COACT="$PWD/target/release/coact" "$venv/bin/python" -m pytest -q tests/python
+target=$(realpath "${CARGO_TARGET_DIR:-target}")
+COACT="$target/release/coact" "$venv/bin/python" -m pytest -q tests/python

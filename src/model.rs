@@ -198,6 +198,15 @@ pub enum EpisodeStatus {
 }
 
 impl EpisodeStatus {
+    /// Of an episode and what became of it; incomplete wins.
+    pub fn of(episode: &Episode, outcome: &Outcome) -> Self {
+        match (&episode.incomplete, outcome) {
+            (Some(_), _) => Self::Incomplete,
+            (None, Outcome::TooShort { .. }) => Self::TooShort,
+            (None, Outcome::Extracted(_)) => Self::Ok,
+        }
+    }
+
     /// As it stands in the table.
     pub fn as_str(self) -> &'static str {
         match self {

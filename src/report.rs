@@ -133,9 +133,9 @@ pub struct RunSummary {
     pub recordings: BTreeMap<&'static str, u64>,
     /// Episodes by status.
     pub episodes: BTreeMap<&'static str, u64>,
-    /// Recordings that an earlier process of the same run had written, and their episodes.
+    /// Recordings that an earlier process of the same run had written.
     pub n_recordings_before: u64,
-    /// Episodes of those.
+    /// Episodes of those, and of one that it had begun to write.
     pub n_episodes_before: u64,
     /// Something of those was refused, recovered or incomplete.
     #[serde(skip)]
@@ -184,7 +184,7 @@ const NAMED_INCOMPLETE: usize = 3;
 impl RunSummary {
     /// Counts one episode. Its recording's row must follow, after all its episodes.
     pub fn add_episode(&mut self, episode: &Episode, outcome: &Outcome) {
-        let status = status_of(episode, outcome);
+        let status = EpisodeStatus::of(episode, outcome);
         *self.episodes.entry(status.as_str()).or_default() += 1;
         self.n_steps += episode.n_steps() as u64;
         self.n_dropped_steps += episode.n_dropped_steps;
@@ -222,6 +222,11 @@ impl RunSummary {
         self.n_recordings_before += 1;
         self.n_episodes_before += n_episodes;
         self.is_unclean_before |= !clean;
+    }
+
+    /// Counts the episodes of a recording that an earlier process has begun to write.
+    pub fn add_begun_before(&mut self, n_episodes: u64) {
+        self.n_episodes_before += n_episodes;
     }
 
     /// Counts one recording, whose episodes came before.
@@ -303,15 +308,6 @@ fn layouts_as_list<S: Serializer>(
         layout,
         n_recordings,
     }))
-}
-
-/// What the `status` column says of an episode.
-fn status_of(episode: &Episode, outcome: &Outcome) -> EpisodeStatus {
-    match (&episode.incomplete, outcome) {
-        (Some(_), _) => EpisodeStatus::Incomplete,
-        (None, Outcome::TooShort { .. }) => EpisodeStatus::TooShort,
-        (None, Outcome::Extracted(_)) => EpisodeStatus::Ok,
-    }
 }
 
 /// `env_id`, else the folder of the recording, else its name.

@@ -30,7 +30,11 @@ Exit codes:
   0  done (also with episodes that are too short)
   1  failed: no episode came out, or the output cannot be written
   2  bad arguments
-  3  done, but a recording failed or was recovered, a message was refused, or an episode is incomplete";
+  3  done, but a recording failed or was recovered, a message was refused, or an episode is incomplete
+  130, 143  interrupted (Ctrl-C, SIGTERM); the same command goes on";
+
+/// More threads than any machine has cores would only take its memory.
+const MAX_THREADS: usize = 1024;
 
 /// Arguments of `coact extract`.
 #[derive(Debug, Args)]
@@ -75,7 +79,7 @@ enum Steps {
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
 #[expect(clippy::struct_excessive_bools, reason = "each is a flag")]
 struct Options {
-    /// Recordings: files, folders (every *.mcap and *.mcap.zst below), globs
+    /// Recordings: files, folders (every *.mcap and *.mcap.zst below, rosbag2 directories), globs
     #[arg(value_name = "INPUT")]
     inputs: Vec<PathBuf>,
 
@@ -451,6 +455,11 @@ impl Options {
         }
         if self.max_open_episodes == Some(0) {
             return Err("max-open-episodes is 0: at least 1 is needed".to_owned());
+        }
+        if let Some(threads) = self.threads.filter(|&n| n > MAX_THREADS) {
+            return Err(format!(
+                "threads is {threads}: expected at most {MAX_THREADS}"
+            ));
         }
         let config = Config {
             params,

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use thiserror::Error;
 
-use crate::recording::rosbag2_files;
+use crate::recording::{ROSBAG2_METADATA, rosbag2_files};
 
 /// One recording to be read, or why it cannot be.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -92,6 +92,17 @@ struct Found {
 
 impl Found {
     fn file(&mut self, path: &Path, problem: Option<String>) {
+        // Typed beside the files of its bag, as `bag/*` does.
+        if path.file_name() == Some(OsStr::new(ROSBAG2_METADATA))
+            && let Some(folder) = path.parent()
+            && self.bag(if folder.as_os_str().is_empty() {
+                Path::new(".")
+            } else {
+                folder
+            })
+        {
+            return;
+        }
         self.files.entry(absolute(path)).or_insert_with(|| Entry {
             path: path.to_owned(),
             files: vec![path.to_owned()],
@@ -99,10 +110,10 @@ impl Found {
         });
     }
 
-    /// Takes a folder as one recording if it is a rosbag2 directory.
-    fn bag(&mut self, folder: &Path) {
+    /// Takes a folder as one recording if it is a rosbag2 directory; false if it is none.
+    fn bag(&mut self, folder: &Path) -> bool {
         let Some(files) = rosbag2_files(folder) else {
-            return;
+            return false;
         };
         let entry = match files {
             Ok(files) => {
@@ -120,6 +131,7 @@ impl Found {
             },
         };
         self.files.entry(absolute(folder)).or_insert(entry);
+        true
     }
 
     fn folder(&mut self, folder: &Path) {
@@ -135,12 +147,7 @@ impl Found {
                         named_like_recordings.push(entry.into_path());
                     }
                 }
-                Ok(entry)
-                    if is_recording(entry.file_name())
-                        && !self.in_bags.contains(&absolute(entry.path())) =>
-                {
-                    self.file(entry.path(), None);
-                }
+                Ok(entry) if is_recording(entry.file_name()) => self.file(entry.path(), None),
                 Ok(_) => {}
                 // A link that loops or leads nowhere matters only where a recording was to be expected.
                 Err(e) => {
@@ -180,7 +187,8 @@ impl Found {
         Ok(())
     }
 
-    fn named(self) -> Vec<Input> {
+    fn named(mut self) -> Vec<Input> {
+        self.files.retain(|path, _| !self.in_bags.contains(path));
         let ancestor = common_ancestor(self.files.keys());
         let mut inputs: Vec<Input> = self
             .files
@@ -347,6 +355,33 @@ mod tests {
             found[0].files,
             [bag.join("bag_1.mcap"), bag.join("bag_0.mcap")]
         );
+    }
+
+    #[test]
+    fn a_bag_typed_as_all_its_files_is_one_recording() {
+        let dir = tempfile::tempdir().unwrap();
+        let bag = dir.path().join("bag");
+        std::fs::create_dir_all(&bag).unwrap();
+        for file in ["bag_0.mcap", "bag_1.mcap"] {
+            std::fs::write(bag.join(file), b"").unwrap();
+        }
+        let file = bag.join("metadata.yaml");
+        let metadata = "rosbag2_bagfile_information:\n  storage_identifier: mcap\n  relative_file_paths: [bag_0.mcap, bag_1.mcap]\n";
+        std::fs::write(&file, metadata).unwrap();
+        let (first, second) = (bag.join("bag_0.mcap"), bag.join("bag_1.mcap"));
+        // `bag/*`, by the shell and by us.
+        assert_eq!(
+            names(&[first.clone(), second.clone(), file.clone()]),
+            ["bag"]
+        );
+        assert_eq!(names(&[bag.join("*")]), ["bag"]);
+        // Each file once, however it is typed.
+        assert_eq!(names(&[first.clone(), bag.clone()]), ["bag"]);
+        assert_eq!(names(&[bag.clone(), first.clone()]), ["bag"]);
+        assert_eq!(names(&[first, second]), ["bag_0.mcap", "bag_1.mcap"]);
+        // Another program's file of that name is a file like any other.
+        std::fs::write(&file, "a: b").unwrap();
+        assert_eq!(names(&[file]), ["metadata.yaml"]);
     }
 
     #[test]

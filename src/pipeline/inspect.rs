@@ -37,7 +37,10 @@ fn inspected(input: &Input) -> Inspected {
     };
     inspection.bytes = inspection.bytes.max(input.bytes());
     let flags = inspection.flags.as_ref();
-    let path = quoted(&input.path.to_string_lossy());
+    let mut path = quoted(&input.path.to_string_lossy());
+    if path.starts_with('-') {
+        path = format!("./{path}");
+    }
     let command = flags.map(|flags| format!("coact extract {path} -o out {flags}"));
     Inspected {
         inspection,

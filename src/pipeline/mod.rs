@@ -32,7 +32,7 @@ pub use crate::tables::{DEFAULT_MAX_PART_ROWS, remove_temporaries};
 
 use crate::extraction::{self, ExtractionParams};
 use crate::model::{Episode, Outcome, RecordingIdentity, RecordingRow};
-use crate::report::RunSummary;
+use crate::report::{RunOutcome, RunSummary};
 use crate::tables::{
     Batches, DoneRecording, Mark, OutputDirectory, RowsBuilder, TableError, TableOptions,
     TableWriter,
@@ -125,6 +125,9 @@ fn written(
     for done in &before {
         summary.add_done_before(done.n_episodes, done.clean);
     }
+    for job in &jobs {
+        summary.add_begun_before(job.n_written);
+    }
     if jobs.is_empty() && directory.is_complete() {
         return Ok(summary);
     }
@@ -142,7 +145,11 @@ fn written(
         writer.commit()?;
     }
     stages?;
-    writer.finish()?;
+    if summary.outcome() == RunOutcome::Failed {
+        writer.close()?;
+    } else {
+        writer.finish()?;
+    }
     Ok(summary)
 }
 

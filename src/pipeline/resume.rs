@@ -13,6 +13,7 @@ use crate::tables::{DoneRecording, OutputDirectory};
 
 /// What is left to do, and what is done.
 pub(crate) struct Work<'a> {
+    /// The recording that was written in part comes first: until it is whole, no other may be begun.
     pub(crate) jobs: Vec<Job<'a>>,
     pub(crate) before: Vec<DoneRecording>,
 }
@@ -54,7 +55,7 @@ pub(crate) fn work<'a>(
         .collect::<Result<(), String>>()
         .map_err(RunError::Arguments)?;
     let names: BTreeSet<&str> = stand.iter().map(|d| &*d.identity.name).collect();
-    let jobs: Vec<Job<'a>> = inputs
+    let mut jobs: Vec<Job<'a>> = inputs
         .iter()
         .filter(|input| !names.contains(&*input.name))
         .map(|input| Job {
@@ -65,6 +66,7 @@ pub(crate) fn work<'a>(
                 .map_or(0, |open| open.n_episodes),
         })
         .collect();
+    jobs.sort_by_key(|job| job.n_written == 0);
     let again: Vec<&str> = failed.iter().map(|done| &*done.identity.name).collect();
     directory.forget(&again)?;
     Ok(Work {

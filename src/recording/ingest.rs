@@ -11,6 +11,7 @@ use super::episodes::{Common, Episodes};
 use super::error::RecordingError;
 use super::layout::{Layout, NATIVE_TOPIC};
 use super::metadata::{self, Names};
+use super::names;
 use super::options::{Clock, OnDamage, ReadOptions};
 use super::plan::{Plan, Use};
 use super::records::op;
@@ -307,6 +308,7 @@ impl Ingest {
         let topic = self.survey.as_ref().and_then(|s| s.topic(&channel.topic));
         let sets_of = topic.map(|topic| |path: &[decode::Access]| topic.name_sets(path));
         let sets = sets_of.as_ref().map(|f| f as SetsAt<'_>);
+        let is_first = !plan.sources[source].is_read;
         let made = match plan.sources[source].compile(channel, schema, &example, sets) {
             Ok(made) => Some(made),
             Err(CompileError::Message(_)) => None,
@@ -315,6 +317,12 @@ impl Ingest {
         plan.sources[source].fields = example.member_names();
         if let Some(names) = plan.action_names() {
             self.common.joint_names = Some(names);
+        } else if let Some(names) = &self.common.joint_names
+            && is_first
+            && plan.actions_are_all_of(source)
+            && let Some(names) = names::by_index(names, &plan.layout.actions, &example)
+        {
+            self.common.joint_names = Some(names.into());
         }
         Ok(made)
     }

@@ -52,5 +52,5 @@ pub use options::{
     parse_seconds,
 };
 pub use reader::RecordingReader;
-pub use rosbag2::files as rosbag2_files;
+pub use rosbag2::{METADATA_FILE as ROSBAG2_METADATA, files as rosbag2_files};
 pub use selector::{Selector, SelectorError};

@@ -1,7 +1,10 @@
 //! Where a message says what its values are called: `name` beside `position`, `joint_names` above
 //! `points[0].positions`, `name` in each element of `joints`.
 
+use std::sync::Arc;
+
 use super::decode::{Access, Value};
+use super::selector::{PathPart, Selector};
 
 /// Members that name the values beside or below them.
 const NAME_KEYS: [&str; 3] = ["name", "names", "joint_names"];
@@ -65,6 +68,43 @@ fn array_of_objects(root: &Value, path: &[Access]) -> Option<usize> {
 /// An empty list counts: others may be full.
 fn is_list_of_texts(value: &Value) -> bool {
     matches!(value, Value::List(items) if items.iter().all(|i| matches!(i, Value::Text(_))))
+}
+
+/// What the elements are called that `selectors` take by index out of one array, where `names` has one for each
+/// element of it.
+pub(crate) fn by_index(
+    names: &[Arc<str>],
+    selectors: &[Selector],
+    example: &Value,
+) -> Option<Vec<Arc<str>>> {
+    let mut array = None;
+    let mut taken = Vec::new();
+    for selector in selectors {
+        let (last, above) = selector.path().split_last()?;
+        if *array.get_or_insert(above) != above {
+            return None;
+        }
+        taken.extend_from_slice(match last {
+            PathPart::Index(index) => names.get(*index..=*index)?,
+            PathPart::Items { start, end } => names.get(*start..*end)?,
+            PathPart::Key(_) | PathPart::Name(_) => return None,
+        });
+    }
+    let above = array?.iter().map(|part| match part {
+        PathPart::Key(key) => Some(Access::Key(key.clone())),
+        PathPart::Index(index) => Some(Access::Items(*index..index + 1)),
+        PathPart::Items { .. } | PathPart::Name(_) => None,
+    });
+    let n_elements = match example.at(&above.collect::<Option<Vec<_>>>()?)? {
+        Value::Bytes(bytes) => bytes.len(),
+        Value::List(items) if !items.iter().any(is_compound) => items.len(),
+        _ => return None,
+    };
+    (n_elements == names.len()).then_some(taken)
+}
+
+fn is_compound(value: &Value) -> bool {
+    matches!(value, Value::List(_) | Value::Map(_) | Value::Bytes(_))
 }
 
 /// All paths in a message under which names stand.

@@ -104,6 +104,11 @@ impl Plan {
         Some(names.into())
     }
 
+    /// Are all actions taken from this source?
+    pub(crate) fn actions_are_all_of(&self, source: usize) -> bool {
+        self.actions.iter().all(|part| part.source == source)
+    }
+
     /// Messages of other topics than the action's that were of use.
     pub(crate) fn n_held_used(&self) -> u64 {
         self.timeline.as_ref().map_or(0, Timeline::n_used)

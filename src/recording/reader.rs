@@ -34,6 +34,8 @@ pub struct RecordingReader {
     bytes_before: u64,
     checked: bool,
     done: bool,
+    /// Why reading ended, kept back until the episodes before it are given out.
+    error: Option<RecordingError>,
 }
 
 impl RecordingReader {
@@ -74,6 +76,7 @@ impl RecordingReader {
             bytes_before: 0,
             checked: false,
             done: false,
+            error: None,
         })
     }
 
@@ -98,6 +101,9 @@ impl RecordingReader {
     /// If the file cannot be read on, nothing in it can be used, or one episode is beyond the limit. Episodes given
     /// out before stand.
     pub fn read(&mut self, budget: u64) -> Result<Vec<Episode>, RecordingError> {
+        if let Some(e) = self.error.take() {
+            return Err(e);
+        }
         if self.options.on_damage == OnDamage::Fail && !std::mem::replace(&mut self.checked, true) {
             // Episodes that are given out stand: all must be known to be whole before the first.
             check(&self.files, &self.options)?;
@@ -106,12 +112,20 @@ impl RecordingReader {
         let mut bytes = 0;
         let until = self.position().saturating_add(MAX_READ);
         while !self.done && bytes < budget && self.position() < until {
-            self.step()?;
+            let result = self.step();
             for episode in self.ingest.episodes.take_ready() {
                 let values = episode.n_steps()
                     * (episode.actions.n_columns() + episode.states.n_columns() + 2);
                 bytes += 8 * values as u64;
                 episodes.push(episode);
+            }
+            match result {
+                Err(e) if episodes.is_empty() => return Err(e),
+                Err(e) => {
+                    self.error = Some(e);
+                    break;
+                }
+                Ok(()) => {}
             }
         }
         Ok(episodes)

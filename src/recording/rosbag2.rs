@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 
 /// Describes a bag; in its directory.
-const METADATA_FILE: &str = "metadata.yaml";
+pub const METADATA_FILE: &str = "metadata.yaml";
 
 /// Largest `metadata.yaml` that is read, bytes.
 const MAX_METADATA: u64 = 16 << 20;

@@ -12,6 +12,9 @@ const NAMED_CAUSES: usize = 4;
 /// Recordings that the text names; JSON names all.
 const NAMED_RECORDINGS: usize = 20;
 
+/// Environments that the text has a row for: where recordings name none, each file may be one.
+const NAMED_ENVIRONMENTS: usize = 40;
+
 /// Joints of an environment that get a line of their own.
 const NAMED_JOINTS: usize = 8;
 
@@ -35,10 +38,17 @@ impl RunSummary {
         let mut text = String::new();
         if !self.environments.is_empty() {
             let mut rows = vec![HEADER.map(String::from)];
-            for (name, environment) in &self.environments {
+            for (name, environment) in self.environments.iter().take(NAMED_ENVIRONMENTS) {
                 rows.extend(environment_rows(name, environment));
             }
             aligned(&mut text, &rows);
+            let unnamed = self.environments.len().saturating_sub(NAMED_ENVIRONMENTS);
+            if unnamed > 0 {
+                line(
+                    &mut text,
+                    &format!("… and {unnamed} more: see the episodes table"),
+                );
+            }
             text.push('\n');
         }
         self.totals(&mut text);
@@ -74,6 +84,13 @@ impl RunSummary {
 
     fn totals(&self, text: &mut String) {
         let n_recordings: u64 = self.recordings.values().sum();
+        if n_recordings == 0 && self.n_recordings_before > 0 {
+            line(
+                text,
+                &format!("nothing to do: {} before", self.written_before()),
+            );
+            return;
+        }
         let n_episodes: u64 = self.episodes.values().sum();
         let rate = if self.seconds > 0.0 {
             self.n_steps as f64 / self.seconds
@@ -129,18 +146,21 @@ impl RunSummary {
                 &format!("auto: {}{of_how_many} ({})", layout.flags, layout.why),
             );
         }
-        if self.n_recordings_before > 0 {
-            line(
-                text,
-                &format!(
-                    "{} {} with {} {} had been written before",
-                    count(self.n_recordings_before),
-                    plural(self.n_recordings_before, "recording"),
-                    count(self.n_episodes_before),
-                    plural(self.n_episodes_before, "episode"),
-                ),
-            );
+        if self.n_episodes_before > 0 || self.n_recordings_before > 0 {
+            line(text, &format!("{} before", self.written_before()));
         }
+    }
+
+    fn written_before(&self) -> String {
+        let (n_recordings, n_episodes) = (self.n_recordings_before, self.n_episodes_before);
+        let episodes = format!("{} {}", count(n_episodes), plural(n_episodes, "episode"));
+        let of_whole = format!(
+            "{} {} with ",
+            count(n_recordings),
+            plural(n_recordings, "recording")
+        );
+        let whole = if n_recordings > 0 { &*of_whole } else { "" };
+        format!("{whole}{episodes} had been written")
     }
 }
 
@@ -316,6 +336,20 @@ fn aligned(text: &mut String, rows: &[Row]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn thousands_of_environments_do_not_fill_the_screen() {
+        let mut summary = RunSummary::default();
+        for i in 0..1_000 {
+            let environment = EnvironmentSummary::default();
+            summary
+                .environments
+                .insert(format!("demo_{i}.mcap"), environment);
+        }
+        let text = summary.to_text();
+        assert!(text.lines().count() < 50, "{text}");
+        assert!(text.contains("… and 960 more"), "{text}");
+    }
 
     #[test]
     fn numbers_read_well() {

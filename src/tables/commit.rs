@@ -55,6 +55,8 @@ pub(super) struct Commit {
     pub(super) recordings: Vec<DoneRecording>,
     /// The recording in which the group was cut.
     pub(super) open: Option<OpenRecording>,
+    /// Steps of the episodes in it.
+    pub(super) n_steps: Option<u64>,
 }
 
 /// What run a directory holds.
@@ -120,6 +122,20 @@ pub(super) fn run_path(directory: &Path) -> PathBuf {
 
 pub(super) fn commits_folder(directory: &Path) -> PathBuf {
     directory.join(FOLDER).join("commits")
+}
+
+const LOCK_PREFIX: &str = "lock-";
+
+pub(super) fn lock_path(directory: &Path, shard: u32) -> PathBuf {
+    directory
+        .join(FOLDER)
+        .join(format!("{LOCK_PREFIX}{shard:05}"))
+}
+
+pub(super) fn is_lock(path: &Path) -> bool {
+    path.file_name()
+        .and_then(|n| n.to_str())
+        .is_some_and(|n| n.starts_with(LOCK_PREFIX))
 }
 
 fn commit_name(shard: u32, number: u32) -> String {

@@ -60,6 +60,13 @@ pub fn holds_run(directory: &Path) -> Result<bool, TableError> {
         || commit::run_path(directory).is_file())
 }
 
+/// Has no shard but `shard` ever been written here?
+pub(super) fn is_of_shard_alone(directory: &Path, shard: u32) -> bool {
+    let own = commit::lock_path(directory, shard);
+    names_in(&directory.join(commit::FOLDER))
+        .is_ok_and(|paths| paths.iter().all(|p| *p == own || !commit::is_lock(p)))
+}
+
 /// Removes what a run has left in `directory`, but for its lock, and nothing else.
 pub(super) fn clear(storage: &Storage, directory: &Path) -> Result<(), TableError> {
     // The mark goes first, then what the parts are known by: a directory half cleared is not done, and no part in it

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::fs::{File, TryLockError};
 use std::io::{Read, Seek, Write};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use arrow::array::{AsArray, BooleanArray};
 use arrow::compute::filter_record_batch;
@@ -28,7 +29,8 @@ pub struct OutputDirectory {
 
 impl OutputDirectory {
     /// Opens `directory` for the run that `options` describe, and removes what a process that was stopped left
-    /// unfinished. With `overwrite` it begins empty, else with what is committed.
+    /// unfinished. With `overwrite`, or where the run in it has given no step, it begins empty, else with what is
+    /// committed.
     ///
     /// # Errors
     /// [`TableError::AnotherRun`] if it holds a run with other parameters, [`TableError::Locked`] if another process
@@ -40,13 +42,18 @@ impl OutputDirectory {
     ) -> Result<Self, TableError> {
         let storage = Storage::new(options.faults.clone());
         let run = Run::new(options.steps, &options.metadata);
-        if !overwrite {
+        if directory.exists() && !directory.is_dir() {
+            let what = std::io::Error::from(std::io::ErrorKind::NotADirectory);
+            return Err(TableError::io("write tables to", directory)(what));
+        }
+        let begins_empty = || overwrite || is_without_steps(directory, options.shard);
+        if !begins_empty() {
             // Refused before anything is made or locked: nothing of it is ours.
             check_run(directory, &run)?;
         }
         storage.create_folder(&commit::commits_folder(directory))?;
         let lock = lock(&storage, directory, options.shard)?;
-        if overwrite {
+        if begins_empty() {
             directory::clear(&storage, directory)?;
         } else {
             check_run(directory, &run)?;
@@ -151,13 +158,34 @@ fn check_run(directory: &Path, asked: &Run) -> Result<(), TableError> {
     }
 }
 
+/// Does `directory` hold a run that has given no step, so that nothing is lost with it? Not where others may be
+/// writing their shards of it.
+fn is_without_steps(directory: &Path, shard: u32) -> bool {
+    let is_run = matches!(commit::read_run(directory), Ok(Some(_)));
+    let is_empty = |commit: &Commit| commit.n_steps == Some(0);
+    is_run
+        && commit::read_commits(directory, shard).is_ok_and(|c| c.values().all(is_empty))
+        && directory::is_of_shard_alone(directory, shard)
+}
+
+/// How often, and after which pauses, a lock is tried again.
+const LOCK_TRIES: u32 = 5;
+const LOCK_PAUSE: Duration = Duration::from_millis(20);
+
 /// A lock that the system releases when its holder ends, however that comes.
 fn lock(storage: &Storage, directory: &Path, shard: u32) -> Result<File, TableError> {
-    let path = directory
-        .join(commit::FOLDER)
-        .join(format!("lock-{shard:05}"));
+    let path = commit::lock_path(directory, shard);
     let mut file = storage.open_lock(&path)?;
-    match file.try_lock() {
+    let mut locked = file.try_lock();
+    // A process that is just being started holds all our files for a moment, locks too.
+    for _ in 0..LOCK_TRIES {
+        if !matches!(locked, Err(TryLockError::WouldBlock)) {
+            break;
+        }
+        std::thread::sleep(LOCK_PAUSE);
+        locked = file.try_lock();
+    }
+    match locked {
         Ok(()) => {}
         Err(TryLockError::WouldBlock) => {
             let mut holder = String::new();

@@ -5,9 +5,7 @@ use std::sync::Arc;
 use arrow::array::RecordBatch;
 
 use super::schema::Table;
-use crate::model::{
-    Episode, EpisodeStatus, JointExtraction, JointMode, Outcome, RecordingRow, Series,
-};
+use crate::model::{Episode, JointExtraction, JointMode, Outcome, RecordingRow, Series};
 
 mod columns;
 mod episodes;
@@ -22,9 +20,15 @@ pub struct Batches {
     pub(super) steps: Option<RecordBatch>,
     pub(super) episodes: RecordBatch,
     pub(super) recordings: RecordBatch,
+    n_steps: u64,
 }
 
 impl Batches {
+    /// Steps of its episodes.
+    pub(super) fn n_steps(&self) -> u64 {
+        self.n_steps
+    }
+
     /// The rows of one table; `None` for steps that are not written.
     pub fn table(&self, table: Table) -> Option<&RecordBatch> {
         match table {
@@ -43,6 +47,7 @@ pub struct RowsBuilder {
     steps: Option<steps::StepRows>,
     episodes: episodes::EpisodeRows,
     recordings: recordings::RecordingRows,
+    n_steps: u64,
 }
 
 impl RowsBuilder {
@@ -54,6 +59,7 @@ impl RowsBuilder {
             steps: with_steps.then(steps::StepRows::default),
             episodes: episodes::EpisodeRows::default(),
             recordings: recordings::RecordingRows::default(),
+            n_steps: 0,
         }
     }
 
@@ -85,6 +91,7 @@ impl RowsBuilder {
             }
         }
         self.episodes.append(episode, outcome, joints);
+        self.n_steps += episode.n_steps() as u64;
     }
 
     /// Appends the row of one recording.
@@ -99,6 +106,7 @@ impl RowsBuilder {
             steps: self.steps.map(steps::StepRows::finish),
             episodes: self.episodes.finish(),
             recordings: self.recordings.finish(),
+            n_steps: self.n_steps,
         }
     }
 }
@@ -134,15 +142,6 @@ impl JointKey {
                 name: None,
             },
         }
-    }
-}
-
-/// What the `status` column says of an episode.
-fn status(episode: &Episode, outcome: &Outcome) -> EpisodeStatus {
-    match (&episode.incomplete, outcome) {
-        (Some(_), _) => EpisodeStatus::Incomplete,
-        (None, Outcome::TooShort { .. }) => EpisodeStatus::TooShort,
-        (None, Outcome::Extracted(_)) => EpisodeStatus::Ok,
     }
 }
 

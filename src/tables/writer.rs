@@ -167,17 +167,25 @@ impl TableWriter {
         Ok(())
     }
 
-    /// Closes the last parts. Every table has one then, if need be without rows, and the directory is marked done.
+    /// Closes the last parts and marks the directory as done.
     ///
     /// # Errors
     /// If the file system refuses.
     pub fn finish(mut self) -> Result<(), TableError> {
+        self.close()?;
+        directory::mark_done(&self.storage, &self.directory)
+    }
+
+    /// Closes the last parts. Every table has one then, if need be without rows.
+    ///
+    /// # Errors
+    /// If the file system refuses.
+    pub fn close(&mut self) -> Result<(), TableError> {
         if self.next == 0 && self.group.is_none() {
             let empty = self.empty.clone();
             self.write(&empty, &[])?;
         }
-        self.commit()?;
-        directory::mark_done(&self.storage, &self.directory)
+        self.commit()
     }
 }
 
@@ -233,6 +241,8 @@ impl Group {
                 .table(table)
                 .map_or(0, arrow::array::RecordBatch::num_rows)
         };
+        let n_steps = batches.n_steps() + self.commit.n_steps.unwrap_or(0);
+        self.commit.n_steps = Some(n_steps);
         self.n_rows += rows(Table::Steps).max(rows(Table::Segments)) + rows(Table::Episodes);
         Ok(())
     }

@@ -145,6 +145,10 @@ fn exit_code_2_for_bad_arguments() {
         &["extract", "x.mcap", "-o", "out", "--max-chunk", "big"],
         "not a size",
     );
+    check(
+        &["extract", "x.mcap", "-o", "out", "--threads", "100000"],
+        "threads is 100000",
+    );
     check(&["extract", "x.mcap"], "--output");
     check(&["extract", "-o", "out"], "INPUT");
     check(&["frobnicate"], "frobnicate");
@@ -257,6 +261,59 @@ fn a_configuration_gives_options_and_the_command_line_wins() {
     let output = coact(&["extract", "--config", text(&config), "--print-config"]);
     assert_eq!(code(&output), 2);
     assert!(stderr(&output).contains("windwo"), "{}", stderr(&output));
+}
+
+#[test]
+fn progress_goes_into_a_pipe_if_asked_for() {
+    let dir = one_recording();
+    let run = |when| {
+        stderr(&coact(&[
+            "extract",
+            text(dir.path()),
+            "--dry-run",
+            "--progress",
+            when,
+        ]))
+    };
+    assert!(run("always").contains("1/1 recordings  2 episodes"));
+    assert_eq!(run("auto") + &run("never"), "");
+}
+
+#[test]
+fn episodes_before_one_that_is_too_large_are_in_the_tables() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut b = RecordingBuilder::new();
+    b.episode(0, 60).episode(1, 60).episode(2, 3_000);
+    std::fs::write(dir.path().join("a.mcap"), b.finish()).unwrap();
+    let out = dir.path().join("out");
+    let output = coact(&[
+        "extract",
+        text(dir.path()),
+        "-o",
+        text(&out),
+        "--max-episode",
+        "20000",
+        "--summary",
+        "json",
+    ]);
+    assert_eq!(code(&output), 3, "{}", stderr(&output));
+    let summary: serde_json::Value = serde_json::from_str(&stdout(&output)).unwrap();
+    assert_eq!(summary["n_messages_used"], 120);
+    assert_eq!(summary["n_steps"], 120);
+    assert_eq!(read_table(&out, Table::Episodes)[0].num_rows(), 2);
+}
+
+#[test]
+fn an_output_that_is_a_file_is_said_to_be_one() {
+    let dir = one_recording();
+    let file = dir.path().join("good.mcap");
+    let output = coact(&["extract", text(dir.path()), "-o", text(&file)]);
+    assert_eq!(code(&output), 1);
+    assert!(
+        stderr(&output).contains("not a directory"),
+        "{}",
+        stderr(&output)
+    );
 }
 
 #[test]

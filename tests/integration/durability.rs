@@ -156,6 +156,95 @@ fn a_killed_run_goes_on_and_ends_with_the_same_rows() {
     eprintln!("{n} kills, {n_interrupted} before the end; rows lost: 0, doubled: 0");
 }
 
+/// As if the process had been killed right behind its `n`-th commit.
+fn cut_behind(output: &Path, n: usize) {
+    let commits = output.join("_coact/commits");
+    let mut names: Vec<PathBuf> = fs::read_dir(&commits)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .collect();
+    names.sort();
+    for path in names.iter().skip(n) {
+        fs::remove_file(path).unwrap();
+    }
+    fs::remove_file(output.join("_SUCCESS")).unwrap();
+}
+
+#[test]
+fn a_run_killed_twice_behind_any_commits_ends_with_the_same_rows_and_outcome() {
+    let dir = tempfile::tempdir().unwrap();
+    let inputs = dir.path().join("in");
+    recordings(&inputs, 3);
+    // Tried again by every process, and in front of the recording that is cut.
+    fs::write(inputs.join("bad.mcap"), b"not a recording").unwrap();
+    let whole = dir.path().join("whole");
+    run(&config(&inputs, &whole, None)).unwrap();
+    let expected = rows(&whole);
+    let n_commits = fs::read_dir(whole.join("_coact/commits")).unwrap().count();
+    assert!(n_commits > 5, "{n_commits}");
+    let cases: Vec<(usize, usize)> = (0..=n_commits)
+        .flat_map(|first| [(first, first), (first, first + 1)])
+        .collect();
+    cases.par_iter().for_each(|&(first, second)| {
+        let output = dir.path().join(format!("cut-{first}-{second}"));
+        let go = || loop {
+            match run(&config(&inputs, &output, None)) {
+                // A process that another test has just forked holds all our files until it becomes its own program.
+                Err(RunError::Failed(e)) if e.to_string().contains("in use by another") => {}
+                result => break result.unwrap(),
+            }
+        };
+        go();
+        for n in [first, second] {
+            cut_behind(&output, n);
+            assert_eq!(go(), RunOutcome::Partial, "{first}, {second}");
+        }
+        assert_eq!(rows(&output), expected, "{first}, {second}");
+    });
+}
+
+#[test]
+fn a_recording_of_which_only_the_row_is_left_to_write_is_no_failure() {
+    let dir = tempfile::tempdir().unwrap();
+    let (inputs, output) = (dir.path().join("in"), dir.path().join("out"));
+    recordings(&inputs, 1);
+    let one_a_part = Config {
+        max_part_rows: 1,
+        ..config(&inputs, &output, None)
+    };
+    assert_eq!(run(&one_a_part).unwrap(), RunOutcome::Done);
+    cut_behind(&output, 2);
+    assert_eq!(run(&one_a_part).unwrap(), RunOutcome::Done);
+}
+
+#[test]
+fn a_run_without_a_step_stands_in_the_way_of_no_other() {
+    let dir = tempfile::tempdir().unwrap();
+    let (inputs, output) = (dir.path().join("in"), dir.path().join("out"));
+    recordings(&inputs, 1);
+    let extract = |input: &Path, options: &[&str]| {
+        let mut command = coact();
+        command.arg("extract").arg(input).arg("-o").arg(&output);
+        command.args(options).output().unwrap().status.code()
+    };
+    let mistyped = ["--action", "/x:y", "--state", "/x:z"];
+    assert_eq!(extract(&inputs, &mistyped), Some(1));
+    assert!(!output.join("_SUCCESS").exists());
+    assert_eq!(extract(&inputs.join("gone.mcap"), &[]), Some(1));
+    // Every step is bad.
+    assert_eq!(extract(&inputs, &["--state", "/step:stat"]), Some(3));
+    assert_eq!(extract(&inputs, &[]), Some(0));
+    let fresh = dir.path().join("fresh");
+    run(&Config {
+        max_part_rows: coact::pipeline::DEFAULT_MAX_PART_ROWS,
+        ..config(&inputs, &fresh, None)
+    })
+    .unwrap();
+    assert_eq!(rows(&output), rows(&fresh));
+    // One that gave episodes does.
+    assert_eq!(extract(&inputs, &mistyped), Some(2));
+}
+
 #[test]
 fn the_same_command_again_takes_only_what_is_new_or_had_failed() {
     let dir = tempfile::tempdir().unwrap();

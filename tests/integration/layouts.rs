@@ -213,6 +213,11 @@ fn joints_of_the_action_are_ordered_and_named() {
     // Where messages name nothing the metadata does, if it names as many.
     assert_eq!(read("--action /bare:two").joint_names(), ["x", "y"]);
     assert_eq!(read("--action /bare:one").joint_names(), [""; 0]);
+    assert_eq!(read("--action '/bare:two[1..2]'").joint_names(), ["y"]);
+    let swapped = read("--action '/bare:two[1]' --action '/bare:two[0]'");
+    assert_eq!(swapped.joint_names(), ["y", "x"]);
+    // Too many names for this array: which is whose cannot be told.
+    assert_eq!(read("--action '/bare:one[0]'").joint_names(), [""; 0]);
     // The same message alone, its names ordering the action.
     let alone =
         crate::support::reading::read(&bytes, "--action /act:position[turn] --state /act:position");

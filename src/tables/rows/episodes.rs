@@ -9,8 +9,8 @@ use arrow::array::{
 
 use super::super::schema::Table;
 use super::columns::{EpisodeKeyColumns, batch, timestamps};
-use super::{int32, int64, reward_sum, status};
-use crate::model::{Episode, JointExtraction, Outcome};
+use super::{int32, int64, reward_sum};
+use crate::model::{Episode, EpisodeStatus, JointExtraction, Outcome};
 
 #[derive(Default)]
 pub(super) struct EpisodeRows {
@@ -38,7 +38,8 @@ impl EpisodeRows {
     ) {
         self.key.append_n(&episode.key, 1);
         self.env_id.append_option(episode.env_id.as_deref());
-        self.status.append_value(status(episode, outcome).as_str());
+        self.status
+            .append_value(EpisodeStatus::of(episode, outcome).as_str());
         self.reason.append_option(reason(episode, outcome));
         self.n_steps.append_value(int32(episode.n_steps()));
         self.n_joints
