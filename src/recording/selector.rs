@@ -240,6 +240,16 @@ mod tests {
     }
 
     #[test]
+    fn a_selector_that_is_printed_is_the_same_once_read_again() {
+        let find = "a:b[\"x\u{1c}\0q\"].y]\"z:b[\"x\u{1c}\0q\"].y]\"z[3][3]";
+        for text in [find, "a:b[\"x:/\"][3]", "/t:a:b]c[1]:d"] {
+            if let Ok(selector) = text.parse::<Selector>() {
+                assert_eq!(selector.to_string().parse(), Ok(selector), "{text}");
+            }
+        }
+    }
+
+    #[test]
     fn what_is_no_selector_is_refused_with_a_reason() {
         for (text, word) in [
             ("", "topic is empty"),
