@@ -89,7 +89,7 @@ pub(crate) const SUPPORTED: &str = if cfg!(feature = "flatbuffer") {
 #[derive(Debug)]
 enum Walk {
     /// JSON text.
-    Json(Vec<Node>),
+    Json(json::Json),
     /// CBOR.
     Cbor(Vec<Node>),
     /// MessagePack.
@@ -119,7 +119,7 @@ impl Decoder {
     ) -> Result<Self, PlanError> {
         let encoding = channel.encoding.to_ascii_lowercase();
         let walk = match encoding.as_str() {
-            "json" => Walk::Json(Node::trees(wanted, Some(example))),
+            "json" => Walk::Json(json::Json::new(Node::trees(wanted, Some(example)))),
             "cbor" => Walk::Cbor(Node::trees(wanted, Some(example))),
             "msgpack" | "messagepack" => Walk::MessagePack(Node::trees(wanted, Some(example))),
             #[cfg(feature = "flatbuffer")]
@@ -141,9 +141,7 @@ impl Decoder {
     pub(crate) fn decode(&mut self, data: &[u8], row: &mut Row) -> Result<(), DecodeError> {
         row.clear();
         match &mut self.walk {
-            Walk::Json(trees) => trees
-                .iter()
-                .try_for_each(|tree| json::decode(tree, data, row))?,
+            Walk::Json(json) => json.decode(data, row)?,
             Walk::Cbor(trees) => trees
                 .iter()
                 .try_for_each(|tree| cbor::decode(tree, data, row))?,

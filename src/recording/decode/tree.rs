@@ -1,5 +1,6 @@
-//! Walks a self-describing message (JSON, CBOR, MessagePack) beside a plan, for any `serde` deserializer: a seed per
-//! wanted place takes the numbers straight into the row, all else is skipped unread.
+//! Walks a self-describing message (CBOR, MessagePack) beside a plan, for any `serde` deserializer: a seed per wanted
+//! place takes the numbers straight into the row, all else is skipped unread. JSON has a faster walk of its own that does
+//! the same; there `serde_json` and these seeds are what tests hold it against.
 
 use std::fmt;
 
@@ -129,14 +130,14 @@ impl<'de> Visitor<'de> for NodeSeed<'_, '_> {
 
 /// Which of the wanted keys of an object have come.
 #[derive(Default)]
-struct Seen {
+pub(super) struct Seen {
     first: u64,
     more: Vec<usize>,
 }
 
 impl Seen {
     /// False if it was there already.
-    fn insert(&mut self, index: usize) -> bool {
+    pub(super) fn insert(&mut self, index: usize) -> bool {
         if self.contains(index) {
             return false;
         }
@@ -147,7 +148,7 @@ impl Seen {
         true
     }
 
-    fn contains(&self, index: usize) -> bool {
+    pub(super) fn contains(&self, index: usize) -> bool {
         match u32::try_from(index).ok().and_then(|i| 1u64.checked_shl(i)) {
             Some(bit) => self.first & bit != 0,
             None => self.more.contains(&index),
