@@ -22,20 +22,22 @@ pub(super) fn bin(values: &[f64], bins: usize) -> Binned {
     })
 }
 
+#[multiversion::multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512dq+avx512vl",
+    "x86_64+avx2",
+    "aarch64+neon"
+))]
 fn extent(values: &[f64]) -> (f64, f64) {
     // Independent lanes: a single running minimum would wait for itself at every value.
-    const LANES: usize = 8;
+    const LANES: usize = 32;
     let mut low = [f64::INFINITY; LANES];
     let mut high = [f64::NEG_INFINITY; LANES];
     let (chunks, rest) = values.as_chunks::<LANES>();
     for chunk in chunks {
         for i in 0..LANES {
-            low[i] = if chunk[i] < low[i] { chunk[i] } else { low[i] };
-            high[i] = if chunk[i] > high[i] {
-                chunk[i]
-            } else {
-                high[i]
-            };
+            let x = chunk[i];
+            low[i] = if x < low[i] { x } else { low[i] };
+            high[i] = if x > high[i] { x } else { high[i] };
         }
     }
     let low = low.iter().chain(rest).fold(f64::INFINITY, |a, &b| a.min(b));
@@ -65,7 +67,11 @@ impl Edges {
     }
 
     /// `e_k`; not less than `e_{k−1}`, since each rounded operation is monotone.
-    #[inline]
+    #[expect(
+        clippy::inline_always,
+        reason = "must be compiled with the features of its caller"
+    )]
+    #[inline(always)]
     fn at(&self, k: f64) -> f64 {
         self.min + k * self.width
     }
@@ -82,8 +88,8 @@ impl Edges {
         }
     }
 
-    /// 1 / width, where a bin found with it is off by one at most: the width must be far above the rounding of the
-    /// edges and normal.
+    /// 1 / width, where a position found with it is off by far less than half a bin: the width must be normal and far
+    /// above the rounding of the edges.
     fn reciprocal_width(&self) -> Option<f64> {
         const MARGIN: f64 = 1.0 / (1u64 << 30) as f64;
         let magnitude = self.min.abs().max(self.max.abs());
@@ -96,24 +102,33 @@ impl Edges {
     }
 }
 
-/// A guess by one multiplication, held against the edges on both sides.
+/// A guess by one multiplication, held against the edge below it.
+///
+/// The guess is rounded to the nearest integer, not down: it is the bin or, in the upper half of the bin, the one
+/// above. So one comparison with an exact edge decides, where a guess rounded down would need both edges.
+#[multiversion::multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512dq+avx512vl",
+    "x86_64+avx2",
+    "aarch64+neon"
+))]
 #[expect(
     clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
     clippy::cast_sign_loss,
     reason = "bins are 0..=65535"
 )]
 fn approximate(values: &[f64], edges: &Edges, reciprocal: f64, bins: usize) -> Vec<u16> {
-    let last = (bins - 1) as f64;
-    values
-        .iter()
-        .map(|&x| {
-            let guess = ((x - edges.min) * reciprocal) as i32;
-            let k = f64::from(guess);
-            let too_high = i32::from(x < edges.at(k));
-            let too_low = i32::from(x >= edges.at(k + 1.0));
-            f64::from(guess - too_high + too_low).clamp(0.0, last) as u16
-        })
-        .collect()
+    // Added to a number of up to 2^51, this leaves its nearest integer in the lowest bits: such a conversion is fast on
+    // every instruction set, a cast from f64 is not.
+    const TO_INTEGER: f64 = 1.5 * (1u64 << 52) as f64;
+    let last = bins as i32 - 1;
+    let mut found = vec![0; values.len()];
+    for (bin, &x) in found.iter_mut().zip(values) {
+        let shifted = (x - edges.min) * reciprocal + TO_INTEGER;
+        let too_high = x < edges.at(shifted - TO_INTEGER);
+        *bin = (shifted.to_bits() as i32 - i32::from(too_high)).min(last) as u16;
+    }
+    found
 }
 
 /// The exact search, for columns whose edges are blurred by rounding.

@@ -10,6 +10,8 @@
 //! 5. `normalize`: scaled to 0..=1 over the episode (Eq. 8)
 //! 6. `mask`: what passes the threshold (Eq. 9), where actions and states do so together (Eq. 10–11)
 //! 7. `segment`: boundaries, partition, score
+//!
+//! `tasks` shares the columns of large episodes out among threads.
 
 mod bin;
 mod mask;
@@ -18,9 +20,8 @@ mod normalize;
 mod params;
 mod probability;
 mod segment;
+mod tasks;
 mod window;
-
-use rayon::prelude::*;
 
 pub use params::{
     BINS, DEFAULT_APPROXIMATE_ORDER, DEFAULT_BINS, DEFAULT_PERMUTATION_ORDER, DEFAULT_SAMPLE_ORDER,
@@ -70,7 +71,8 @@ pub fn extract(episode: &Episode, params: &ExtractionParams) -> Outcome {
         return Outcome::TooShort { min_steps };
     }
     let windows = Windows::new(n_steps, params);
-    let (state_measure, action_measures) = rayon::join(
+    let (state_measure, action_measures) = tasks::join(
+        tasks::are_worth_it(n_steps, episode.states.n_columns()),
         || pooled(&episode.states, &windows, params),
         || match params.joints() {
             JointMode::Each => per_joint(&episode.actions, &windows, params),
@@ -96,17 +98,26 @@ pub fn extract(episode: &Episode, params: &ExtractionParams) -> Outcome {
 fn pooled(columns: &Columns, windows: &Windows, params: &ExtractionParams) -> Vec<f64> {
     let n = columns.n_rows();
     let columns: Vec<&[f64]> = columns.iter().collect();
-    let binned: Vec<Vec<u16>> = columns
-        .into_par_iter()
-        .filter_map(|column| match bin::bin(column, params.bins()) {
-            Binned::Bins(bins) => Some(bins),
-            // Eq. 1 is undefined for it: the paper's profile leaves it out, NumPy's histogram takes the middle bin.
-            Binned::Constant => {
-                (params.profile() == Profile::Authors).then(|| vec![middle_bin(params.bins()); n])
-            }
-        })
-        .collect();
-    let frequencies = Frequencies::of(binned.iter().map(Vec::as_slice), params.bins());
+    // Counted while the bins are still in the cache.
+    let blocks = tasks::map_blocks(&columns, n, |block| {
+        let binned: Vec<Vec<u16>> = block
+            .iter()
+            .filter_map(|column| match bin::bin(column, params.bins()) {
+                Binned::Bins(bins) => Some(bins),
+                // Eq. 1 is undefined for it: the paper's profile leaves it out, NumPy's histogram takes the middle bin.
+                Binned::Constant => (params.profile() == Profile::Authors)
+                    .then(|| vec![middle_bin(params.bins()); n]),
+            })
+            .collect();
+        let frequencies = Frequencies::of(binned.iter().map(Vec::as_slice), params.bins());
+        (binned, frequencies)
+    });
+    let mut frequencies = Frequencies::none(params.bins());
+    let mut binned = Vec::with_capacity(columns.len());
+    for (block, counted) in blocks {
+        frequencies.merge(&counted);
+        binned.extend(block);
+    }
     measure::mean_measure(&binned, &frequencies, windows, params)
 }
 
@@ -118,17 +129,14 @@ fn middle_bin(bins: usize) -> u16 {
 /// One measure for each column, with frequencies of its own.
 fn per_joint(columns: &Columns, windows: &Windows, params: &ExtractionParams) -> Vec<Vec<f64>> {
     let columns: Vec<&[f64]> = columns.iter().collect();
-    columns
-        .into_par_iter()
-        .map(|column| {
-            let bins = match bin::bin(column, params.bins()) {
-                Binned::Bins(bins) => bins,
-                Binned::Constant => vec![middle_bin(params.bins()); column.len()],
-            };
-            let frequencies = Frequencies::of([&bins[..]], params.bins());
-            measure::mean_measure(&[bins], &frequencies, windows, params)
-        })
-        .collect()
+    tasks::map_each(&columns, windows.n_steps, |column| {
+        let bins = match bin::bin(column, params.bins()) {
+            Binned::Bins(bins) => bins,
+            Binned::Constant => vec![middle_bin(params.bins()); column.len()],
+        };
+        let frequencies = Frequencies::of([&bins[..]], params.bins());
+        measure::mean_measure(&[bins], &frequencies, windows, params)
+    })
 }
 
 /// Eq. 8 and 9.

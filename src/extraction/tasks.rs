@@ -1,0 +1,59 @@
+//! How the columns of an episode are shared out among threads.
+
+use rayon::prelude::*;
+
+/// Values (step × column) below which an episode is not shared out: waking another thread takes longer.
+const PARALLEL_VALUES: usize = 1 << 17;
+
+/// Columns that one task takes: enough for its tables to pay, few enough to share out.
+const BLOCK_COLUMNS: std::ops::RangeInclusive<usize> = 8..=64;
+
+/// Values that one task takes, within [`BLOCK_COLUMNS`].
+const BLOCK_VALUES: usize = 1 << 19;
+
+/// Is an episode large enough for several threads?
+pub(super) fn are_worth_it(n_steps: usize, n_columns: usize) -> bool {
+    n_steps.saturating_mul(n_columns) >= PARALLEL_VALUES
+}
+
+/// `f` of each block of columns, in order.
+///
+/// Where blocks begin and end depends on the episode alone: sums of f64 do not depend on the number of threads.
+pub(super) fn map_blocks<C: Sync, R: Send>(
+    columns: &[C],
+    n_steps: usize,
+    f: impl Fn(&[C]) -> R + Sync + Send,
+) -> Vec<R> {
+    let block = (BLOCK_VALUES / n_steps.max(1)).clamp(*BLOCK_COLUMNS.start(), *BLOCK_COLUMNS.end());
+    if are_worth_it(n_steps, columns.len()) {
+        columns.par_chunks(block).map(f).collect()
+    } else {
+        columns.chunks(block).map(f).collect()
+    }
+}
+
+/// `f` of each column on its own, in order.
+pub(super) fn map_each<C: Sync, R: Send>(
+    columns: &[C],
+    n_steps: usize,
+    f: impl Fn(&C) -> R + Sync + Send,
+) -> Vec<R> {
+    if are_worth_it(n_steps, columns.len()) {
+        columns.par_iter().map(f).collect()
+    } else {
+        columns.iter().map(f).collect()
+    }
+}
+
+/// Both results, computed at the same time if that is worth it.
+pub(super) fn join<A: Send, B: Send>(
+    parallel: bool,
+    a: impl FnOnce() -> A + Send,
+    b: impl FnOnce() -> B + Send,
+) -> (A, B) {
+    if parallel {
+        rayon::join(a, b)
+    } else {
+        (a(), b())
+    }
+}
