@@ -2,8 +2,8 @@
 
 use crate::model::Columns;
 
-/// Rows kept back before they are transposed: enough that each column is written a cache line at a time.
-const BLOCK_ROWS: usize = 16;
+/// Rows kept back before they are transposed: enough that each column is written a few cache lines at a time.
+const BLOCK_ROWS: usize = 32;
 
 /// Memory that is taken before the rows are there, bytes.
 const MAX_RESERVED: usize = 16 << 20;
@@ -53,9 +53,17 @@ impl ColumnsBuilder {
         if self.block.is_empty() {
             return;
         }
-        let width = self.width;
+        let mut rows = [self.block.as_slice(); BLOCK_ROWS];
+        let n_rows = self.block.len() / self.width;
+        for (row, of_block) in rows.iter_mut().zip(self.block.chunks_exact(self.width)) {
+            *row = of_block;
+        }
+        let mut values = [0.0; BLOCK_ROWS];
         for (c, column) in self.columns.iter_mut().enumerate() {
-            column.extend(self.block[c..].iter().step_by(width));
+            for (value, row) in values.iter_mut().zip(&rows) {
+                *value = row[c];
+            }
+            column.extend_from_slice(&values[..n_rows]);
         }
         self.block.clear();
     }

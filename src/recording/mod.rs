@@ -31,6 +31,7 @@ mod records;
 mod rescue;
 mod rosbag2;
 mod scan;
+mod segments;
 mod selector;
 mod sniff;
 mod source;

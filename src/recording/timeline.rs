@@ -12,6 +12,7 @@ use super::episodes::{Common, Episodes};
 use super::error::RecordingError;
 use super::limits::REORDER_BYTES;
 use super::options::{Align, ReadOptions};
+use super::segments::{Run, Segments};
 use super::step::{IdRef, LoggedId, Meta, Place, Step};
 use super::tally::Tally;
 
@@ -56,9 +57,7 @@ struct Event {
     /// Order in the file.
     nth: u64,
     offset: u64,
-    /// Its values: where they begin in the buffer, and how many they are.
-    start: usize,
-    len: u32,
+    values: Run,
     /// The source of held values, else where `whats` has it.
     index: u32,
     /// See [`What::rank`].
@@ -66,6 +65,12 @@ struct Event {
     is_held: bool,
     /// It stands for a message that is not of the clock, and is counted as used.
     counts: bool,
+}
+
+impl Event {
+    fn bytes(&self) -> u64 {
+        size_of::<Self>() as u64 + 8 * self.values.len() as u64
+    }
 }
 
 /// Rank of a message of an aligned topic, and of what else goes with a state.
@@ -165,14 +170,14 @@ pub(crate) struct Timeline {
     events: Vec<Event>,
     /// What happened, where it is not that values came; taken when it is its turn.
     whats: Vec<Option<What>>,
-    values: Vec<f64>,
-    /// The buffer of the round before, to be filled next.
-    spare_values: Vec<f64>,
+    values: Segments,
+    /// Bytes of events and values that are held back.
+    bytes: u64,
     n_events: u64,
     newest: Option<i64>,
     /// Everything up to this time has left.
     released: Option<i64>,
-    /// Bytes of values that are held back.
+    /// Bytes that may be held back.
     hold_bytes: u64,
     waiting: VecDeque<Waiting>,
     pool: Vec<Vec<f64>>,
@@ -205,8 +210,8 @@ impl Timeline {
             tracks: (0..n_sources).map(|_| Track::default()).collect(),
             events: Vec::new(),
             whats: Vec::new(),
-            values: Vec::new(),
-            spare_values: Vec::new(),
+            values: Segments::default(),
+            bytes: 0,
             n_events: 0,
             newest: None,
             released: None,
@@ -345,26 +350,24 @@ impl Timeline {
             counts,
         } = at;
         self.newest = Some(self.newest.map_or(time, |newest| newest.max(time)));
-        let start = self.values.len();
-        self.values.extend_from_slice(values);
-        self.events.push(Event {
+        let event = Event {
             time,
             nth: self.n_events,
             offset,
-            start,
-            len: u32::try_from(values.len()).unwrap_or(0),
+            values: self.values.push(values),
             index,
             rank,
             is_held,
             counts,
-        });
+        };
+        self.bytes += event.bytes();
+        self.events.push(event);
         self.n_events += 1;
     }
 
     /// Lets go of the older half of what is held, if that is more than may be.
     pub(crate) fn settle(&mut self, out: &mut Output<'_>) -> Result<(), RecordingError> {
-        let bytes = 8 * self.values.len() + size_of::<Event>() * self.events.len();
-        if (bytes as u64) < self.hold_bytes {
+        if self.bytes < self.hold_bytes {
             return Ok(());
         }
         let half = self.events.len() / 2;
@@ -394,30 +397,26 @@ impl Timeline {
             self.events.sort_unstable_by_key(key);
         }
         let mut events = std::mem::take(&mut self.events);
-        let spare = std::mem::take(&mut self.spare_values);
-        let values = std::mem::replace(&mut self.values, spare);
+        let mut values = std::mem::take(&mut self.values);
         let mut whats = std::mem::take(&mut self.whats);
-        self.values.clear();
-        let of = |event: &Event| event.start..event.start + event.len as usize;
         for event in events.drain(..n) {
             let what = match whats.get_mut(event.index as usize) {
                 Some(what) if !event.is_held => what.take(),
                 _ => None,
             };
-            self.take(&event, what, &values[of(&event)], out)?;
+            self.bytes -= event.bytes();
+            self.take(&event, what, values.get(event.values), out)?;
         }
         for event in &mut events {
-            let start = self.values.len();
-            self.values.extend_from_slice(&values[of(event)]);
-            event.start = start;
             if !event.is_held {
                 let what = whats.get_mut(event.index as usize).and_then(Option::take);
                 event.index = u32::try_from(self.whats.len()).unwrap_or(u32::MAX);
                 self.whats.push(what);
             }
         }
+        values.keep(events.iter().map(|event| event.values));
+        self.values = values;
         self.events = events;
-        self.spare_values = values;
         Ok(())
     }
 
@@ -626,21 +625,24 @@ impl Timeline {
             out.episodes.drop_step(meta, out.common, out.tally);
             return Ok(());
         }
-        for (parts, buffer) in [
-            (&self.actions, &mut self.action),
-            (&self.states, &mut self.state),
-        ] {
-            buffer.clear();
-            for part in parts {
-                buffer.extend_from_slice(self.tracks[part.source].values(part.take));
-            }
-        }
         let step = Step {
-            action: &self.action,
-            state: &self.state,
+            action: joined(&self.actions, &self.tracks, &mut self.action),
+            state: joined(&self.states, &self.tracks, &mut self.state),
             meta,
             place,
         };
         out.episodes.push(&step, out.common, out.tally)
     }
+}
+
+/// The values of all parts, one after the other; in `buffer` where they are not together already.
+fn joined<'a>(parts: &[Part], tracks: &'a [Track], buffer: &'a mut Vec<f64>) -> &'a [f64] {
+    if let [part] = parts {
+        return tracks[part.source].values(part.take);
+    }
+    buffer.clear();
+    for part in parts {
+        buffer.extend_from_slice(tracks[part.source].values(part.take));
+    }
+    buffer
 }
