@@ -163,6 +163,8 @@ pub struct RunSummary {
     pub bytes: u64,
     /// Wall time.
     pub seconds: f64,
+    /// How much of it was waiting for the disk to have what was written (fsync).
+    pub sync_seconds: f64,
     /// One line a recording: what was read from it.
     #[serde(skip)]
     listing: Vec<String>,
@@ -270,6 +272,11 @@ impl RunSummary {
         } else {
             RunOutcome::Partial
         }
+    }
+
+    /// Sets how much of the wall time was waiting for the disk.
+    pub fn set_sync(&mut self, sync: Duration) {
+        self.sync_seconds = sync.as_secs_f64();
     }
 
     /// Sets the wall time.

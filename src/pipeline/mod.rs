@@ -132,6 +132,7 @@ fn written(
         return Ok(summary);
     }
     let mut writer = directory.writer()?;
+    let sync_time = writer.sync_time();
     let stages = stages(
         config,
         &jobs,
@@ -150,6 +151,7 @@ fn written(
     } else {
         writer.finish()?;
     }
+    summary.set_sync(sync_time.get());
     Ok(summary)
 }
 

@@ -22,5 +22,5 @@ pub use error::TableError;
 pub use output::OutputDirectory;
 pub use rows::{Batches, RowsBuilder};
 pub use schema::{TABLE_VERSION, Table};
-pub use storage::Faults;
+pub use storage::{Faults, SyncTime};
 pub use writer::{DEFAULT_MAX_PART_ROWS, TableOptions, TableWriter};

@@ -5,6 +5,7 @@ use std::io::{self, Write};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
 
 use super::error::TableError;
 
@@ -47,15 +48,38 @@ impl Faults {
     }
 }
 
+/// How long a run has waited for the disk to have what was written (fsync); shared by all that write.
+#[derive(Debug, Clone, Default)]
+pub struct SyncTime(Arc<AtomicU64>);
+
+impl SyncTime {
+    /// So far.
+    pub fn get(&self) -> Duration {
+        Duration::from_nanos(self.0.load(Ordering::Relaxed))
+    }
+
+    fn sync(&self, file: &File) -> io::Result<()> {
+        let started = Instant::now();
+        let result = file.sync_all();
+        let nanos = u64::try_from(started.elapsed().as_nanos()).unwrap_or(u64::MAX);
+        self.0.fetch_add(nanos, Ordering::Relaxed);
+        result
+    }
+}
+
 /// The file system, perhaps with faults.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Storage {
     faults: Option<Arc<Faults>>,
+    pub(super) sync_time: SyncTime,
 }
 
 impl Storage {
     pub(super) fn new(faults: Option<Arc<Faults>>) -> Self {
-        Self { faults }
+        Self {
+            faults,
+            sync_time: SyncTime::default(),
+        }
     }
 
     fn check(&self) -> io::Result<()> {
@@ -112,7 +136,7 @@ impl Storage {
         path: &Path,
     ) -> Result<(), TableError> {
         self.check()
-            .and_then(|()| file.file.sync_all())
+            .and_then(|()| self.sync_time.sync(&file.file))
             .map_err(TableError::io("sync", temporary))?;
         drop(file);
         self.check()
@@ -155,7 +179,7 @@ impl Storage {
         if cfg!(unix) {
             self.check()
                 .and_then(|()| File::open(path))
-                .and_then(|folder| folder.sync_all())
+                .and_then(|folder| self.sync_time.sync(&folder))
                 .map_err(TableError::io("sync the folder", path))
         } else {
             Ok(())

@@ -21,7 +21,7 @@ use super::error::TableError;
 use super::output::OutputDirectory;
 use super::rows::{Batches, RowsBuilder};
 use super::schema::{TABLE_VERSION, Table};
-use super::storage::{Faults, PartFile, Storage};
+use super::storage::{Faults, PartFile, Storage, SyncTime};
 use crate::model::JointMode;
 
 /// Rows of `steps` (of `segments` and `episodes` without it) after which a part group is cut.
@@ -165,6 +165,11 @@ impl TableWriter {
             self.next += 1;
         }
         Ok(())
+    }
+
+    /// How long writing has waited for the disk; it goes on counting after the writer is gone.
+    pub fn sync_time(&self) -> SyncTime {
+        self.storage.sync_time.clone()
     }
 
     /// Closes the last parts and marks the directory as done.

@@ -51,7 +51,9 @@ fn stdout(output: &Output) -> String {
 /// The summary as JSON, without the time it took.
 fn summary(output: &Output) -> serde_json::Value {
     let mut summary: serde_json::Value = serde_json::from_str(&stdout(output)).unwrap();
-    summary.as_object_mut().unwrap().remove("seconds");
+    for wall_time in ["seconds", "sync_seconds"] {
+        summary.as_object_mut().unwrap().remove(wall_time);
+    }
     summary
 }
 
