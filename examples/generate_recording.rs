@@ -1,26 +1,30 @@
-//! Writes a recording for benchmarks: 128 state columns, half of them small integers and half floats of 17 digits, one
-//! action, episodes of 2,000 steps, chunks of 1 MiB in zstd.
+//! Writes recordings for benchmarks: one of 128 state columns, half of them small integers and half floats of 17 digits,
+//! one action, episodes of 2,000 steps, chunks of 1 MiB in zstd; or many, each of 200 steps and 4 state columns.
 //!
 //! ```sh
 //! cargo run --release --example generate_recording -- json 1000 out.mcap    # about 1,000 MB of messages
 //! cargo run --release --example generate_recording -- cdr 1000 out.mcap     # read with the flags it prints
+//! cargo run --release --example generate_recording -- many 5000 folder      # 5,000 recordings in JSON
 //! ```
 #![expect(clippy::print_stdout, reason = "it tells how to read the file")]
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::BufWriter;
+use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions, Writer};
 
-/// Columns of the state.
+/// Columns of the state, in one large recording and in many small ones.
 const N_STATE_DIMS: usize = 128;
+const N_SMALL_STATE_DIMS: usize = 4;
 
-/// Steps of an episode.
+/// Steps of an episode, in one large recording and in many small ones.
 const EPISODE_STEPS: u64 = 2_000;
+const SMALL_EPISODE_STEPS: u64 = 200;
 
 /// Nanoseconds between two steps, and between two episodes.
 const STEP_NANOS: u64 = 20_000_000;
@@ -37,20 +41,41 @@ const MULTI_ARRAY: &str = "MultiArrayLayout layout\nfloat64[] data\n\
 
 fn main() -> Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [encoding, megabytes, path] = arguments.as_slice() else {
-        bail!("usage: generate_recording json|cdr MEGABYTES FILE.mcap");
+    let [kind, number, path] = arguments.as_slice() else {
+        bail!("usage: generate_recording json|cdr MEGABYTES FILE.mcap, or: many NUMBER FOLDER");
     };
-    let n_bytes = megabytes.parse::<u64>().context("MEGABYTES")? * 1_000_000;
-    let file = BufWriter::new(File::create(path).context("FILE.mcap")?);
-    let writer = WriteOptions::new()
+    let number = number.parse::<u64>().context("MEGABYTES or NUMBER")?;
+    match kind.as_str() {
+        "json" => {
+            let agent = Agent::new(1, N_STATE_DIMS);
+            let of_bytes = |_, bytes| bytes < number * 1_000_000;
+            let (steps, bytes) = json(create(path)?, agent, EPISODE_STEPS, of_bytes)?;
+            println!("{steps} steps, {bytes} bytes of messages; coact extract FILE -o out");
+            Ok(())
+        }
+        "cdr" => cdr(create(path)?, number * 1_000_000),
+        "many" => {
+            fs::create_dir_all(path)?;
+            for nth in 0..number {
+                let file = Path::new(path).join(format!("{nth:06}.mcap"));
+                let agent = Agent::new(nth, N_SMALL_STATE_DIMS);
+                json(create(file)?, agent, SMALL_EPISODE_STEPS, |step, _| {
+                    step == 0
+                })?;
+            }
+            println!("{number} recordings; coact extract FOLDER -o out");
+            Ok(())
+        }
+        other => bail!("{other:?} is neither json, cdr nor many"),
+    }
+}
+
+fn create(path: impl AsRef<Path>) -> Result<Writer<BufWriter<File>>> {
+    let file = BufWriter::new(File::create(path).context("cannot be created")?);
+    Ok(WriteOptions::new()
         .compression(Some(Compression::Zstd))
         .chunk_size(Some(CHUNK))
-        .create(file)?;
-    match encoding.as_str() {
-        "json" => json(writer, n_bytes),
-        "cdr" => cdr(writer, n_bytes),
-        other => bail!("{other:?} is neither json nor cdr"),
-    }
+        .create(file)?)
 }
 
 /// `SplitMix64`: the same file on every machine.
@@ -76,14 +101,16 @@ struct Agent {
     random: Random,
     action: f64,
     integers: Vec<u8>,
+    n_floats: usize,
 }
 
 impl Agent {
-    fn new() -> Self {
+    fn new(seed: u64, n_state_dims: usize) -> Self {
         Self {
-            random: Random(1),
+            random: Random(seed),
             action: 0.0,
-            integers: vec![128; N_STATE_DIMS / 2],
+            integers: vec![128; n_state_dims / 2],
+            n_floats: n_state_dims - n_state_dims / 2,
         }
     }
 
@@ -101,7 +128,7 @@ impl Agent {
             };
             state.push(f64::from(*integer));
         }
-        for _ in self.integers.len()..N_STATE_DIMS {
+        for _ in 0..self.n_floats {
             state.push(self.random.unit());
         }
         self.action
@@ -121,13 +148,18 @@ fn header(channel_id: u16, step: u64, log_time: u64) -> MessageHeader {
     }
 }
 
-fn json(mut writer: Writer<BufWriter<File>>, n_bytes: u64) -> Result<()> {
+/// Whole episodes, as long as there `is_more`, by the steps and bytes so far; how many those were.
+fn json(
+    mut writer: Writer<BufWriter<File>>,
+    mut agent: Agent,
+    episode_steps: u64,
+    is_more: impl Fn(u64, u64) -> bool,
+) -> Result<(u64, u64)> {
     let channel = writer.add_channel(0, "/step", "json", &BTreeMap::new())?;
-    let (mut agent, mut state, mut text, mut written, mut step) =
-        (Agent::new(), Vec::new(), String::new(), 0, 0);
-    while written < n_bytes || step % EPISODE_STEPS != 0 {
+    let (mut state, mut text, mut written, mut step) = (Vec::new(), String::new(), 0, 0);
+    while is_more(step, written) || step % episode_steps != 0 {
         let action = agent.step(&mut state);
-        let (episode, number) = (step / EPISODE_STEPS, step % EPISODE_STEPS);
+        let (episode, number) = (step / episode_steps, step % episode_steps);
         text.clear();
         write!(
             text,
@@ -137,15 +169,14 @@ fn json(mut writer: Writer<BufWriter<File>>, n_bytes: u64) -> Result<()> {
             let separator = if i == 0 { "" } else { "," };
             write!(text, "{separator}{value}")?;
         }
-        let ended = number + 1 == EPISODE_STEPS;
+        let ended = number + 1 == episode_steps;
         write!(text, "],\"reward\":1,\"terminated\":{ended}}}")?;
         writer.write_to_known_channel(&header(channel, step, time_of(step)), text.as_bytes())?;
         written += text.len() as u64;
         step += 1;
     }
     writer.finish()?;
-    println!("{step} steps, {written} bytes of messages; coact extract FILE -o out");
-    Ok(())
+    Ok((step, written))
 }
 
 /// A `std_msgs/Float64MultiArray` with an empty layout.
@@ -171,7 +202,7 @@ fn cdr(mut writer: Writer<BufWriter<File>>, n_bytes: u64) -> Result<()> {
     let states = writer.add_channel(schema, "/state", "cdr", &BTreeMap::new())?;
     let commands = writer.add_channel(schema, "/command", "cdr", &BTreeMap::new())?;
     let (mut agent, mut state, mut message, mut written, mut step) =
-        (Agent::new(), Vec::new(), Vec::new(), 0, 0);
+        (Agent::new(1, N_STATE_DIMS), Vec::new(), Vec::new(), 0, 0);
     while written < n_bytes || step % EPISODE_STEPS != 0 {
         let action = agent.step(&mut state);
         multi_array(&state, &mut message)?;
