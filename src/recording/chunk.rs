@@ -5,7 +5,7 @@ use std::io::{self, Read};
 
 use thiserror::Error;
 
-use super::wire::Chunk;
+use super::wire::{Chunk, WireError};
 
 /// Why a chunk is lost.
 #[derive(Debug, Error, Clone, PartialEq, Eq)]
@@ -22,6 +22,8 @@ pub(crate) enum ChunkError {
     WrongCrc { declared: u32, found: u32 },
     #[error("chunk declares more compressed bytes than its record holds")]
     Short,
+    #[error("chunk {0}")]
+    Unreadable(#[from] WireError),
 }
 
 impl ChunkError {
@@ -34,8 +36,13 @@ impl ChunkError {
             Self::WrongSize { .. } => "chunk does not have the size it declares",
             Self::WrongCrc { .. } => "chunk CRC does not match",
             Self::Short => "chunk record is short",
+            Self::Unreadable(_) => "chunk record that cannot be read",
         }
     }
+}
+
+fn is_plain(compression: &str) -> bool {
+    matches!(compression, "" | "none")
 }
 
 /// The decompressors of one reader and the buffer they fill.
@@ -46,12 +53,10 @@ pub(crate) struct Inflater {
 }
 
 impl Inflater {
-    /// The records of a whole chunk; `limit` is the most bytes it may inflate to.
-    pub(crate) fn inflate<'a>(
-        &'a mut self,
-        chunk: &Chunk<'a>,
-        limit: u64,
-    ) -> Result<&'a [u8], ChunkError> {
+    /// Inflates the whole chunk in `body`, the body of its record, to at most `limit` bytes;
+    /// [`records`](Self::records) gives them.
+    pub(crate) fn inflate(&mut self, body: &[u8], limit: u64) -> Result<(), ChunkError> {
+        let chunk = Chunk::parse(body)?;
         let declared = chunk.uncompressed_size;
         if declared > limit {
             return Err(ChunkError::TooLarge { declared, limit });
@@ -63,7 +68,7 @@ impl Inflater {
             .ok()
             .ok_or(ChunkError::TooLarge { declared, limit })?;
         let records = match chunk.compression {
-            "" | "none" => chunk.compressed,
+            compression if is_plain(compression) => chunk.compressed,
             "zstd" => self.zstd(chunk.compressed, size)?,
             "lz4" => self.lz4(chunk.compressed, size)?,
             other => {
@@ -85,13 +90,21 @@ impl Inflater {
                 });
             }
         }
-        Ok(records)
+        Ok(())
+    }
+
+    /// The records of the chunk in `body`, which was inflated last.
+    pub(crate) fn records<'a>(&'a self, body: &'a [u8]) -> &'a [u8] {
+        match Chunk::parse(body) {
+            Ok(chunk) if is_plain(chunk.compression) => chunk.compressed,
+            _ => &self.output,
+        }
     }
 
     /// As much as can be inflated of a chunk that the end of the file cut: its records cannot be held against the CRC.
     pub(crate) fn inflate_cut<'a>(&'a mut self, chunk: &Chunk<'a>, limit: u64) -> &'a [u8] {
         let mut reader: Box<dyn Read + '_> = match chunk.compression {
-            "" | "none" => return chunk.compressed,
+            compression if is_plain(compression) => return chunk.compressed,
             "zstd" => match zstd::stream::read::Decoder::with_buffer(chunk.compressed) {
                 Ok(decoder) => Box::new(decoder),
                 Err(_) => return &[],

@@ -2,11 +2,13 @@
 //! steps, all else counted or passed over.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use super::channels::Channels;
-use super::decode::{self, PlanError, SUPPORTED};
+use super::decode::{self, DecodeError, PlanError, SUPPORTED};
+use super::decoded::{Decoded, Readers, ReadersCache};
 use super::episodes::{Common, Episodes};
 use super::error::RecordingError;
 use super::layout::{Layout, NATIVE_TOPIC};
@@ -37,6 +39,9 @@ enum Route {
     },
 }
 
+/// Where the values of a message are, if it was decoded before its turn; and whether it could be decoded.
+type Decoding = (Option<Range<usize>>, Result<(), DecodeError>);
+
 /// The state of one recording while its records come in.
 pub(crate) struct Ingest {
     options: ReadOptions,
@@ -59,6 +64,10 @@ pub(crate) struct Ingest {
     pub(crate) damage: Option<(String, u64)>,
     names_known: bool,
     held: Vec<f64>,
+    /// Copies of what reads the channels, for messages that are decoded before their turn.
+    readers: ReadersCache,
+    /// What was decoded so of the chunk whose records come in.
+    decoded: Decoded,
 }
 
 impl Ingest {
@@ -90,6 +99,8 @@ impl Ingest {
             damage: None,
             names_known: false,
             held: Vec::new(),
+            readers: ReadersCache::default(),
+            decoded: Decoded::default(),
         }
     }
 
@@ -99,6 +110,7 @@ impl Ingest {
         self.at += 1;
         self.channels = Channels::default();
         self.routes.clear();
+        self.readers.outdate();
     }
 
     fn count_topics(&mut self) {
@@ -267,6 +279,7 @@ impl Ingest {
         else {
             return Ok(());
         };
+        self.readers.outdate();
         match made {
             Ok(made) => *reader = made.map(Box::new),
             // A stray channel costs its own messages, not the recording.
@@ -334,46 +347,14 @@ impl Ingest {
         message: &Message<'_>,
         offset: u64,
     ) -> Result<(), RecordingError> {
-        let (
-            Some(plan),
-            (
-                _,
-                Route::Wanted {
-                    source,
-                    reader,
-                    refusal,
-                },
-            ),
-        ) = (&mut self.plan, &mut self.routes[route])
-        else {
+        let Route::Wanted { source: index, .. } = self.routes[route].1 else {
             return Ok(());
         };
-        let (index, source) = (*source, &mut plan.sources[*source]);
-        let result = match reader {
-            Some(reader) => {
-                let result = source.read(reader, message.data);
-                if !source.has_other_names || self.survey.is_some() {
-                    result
-                } else if self.episodes.n_given() == 0 {
-                    return Err(RecordingError::OtherNames);
-                } else {
-                    source.keep_first_names(reader);
-                    source.read(reader, message.data)
-                }
-            }
-            None => match self.channels.channel(message.channel_id) {
-                Some(channel) if source.is_decoded() => {
-                    // What another channel's message of the topic said is not this one's.
-                    source.row.clear();
-                    let schema = self.channels.schema(channel.schema_id);
-                    Err(match refusal {
-                        Some(refusal) => decode::DecodeError::WrongType(refusal.clone()),
-                        None => source.why_not(channel, schema, message.data),
-                    })
-                }
-                _ => Ok(()),
-            },
+        let (ahead, result) = self.decode(route, message)?;
+        let Some(plan) = &mut self.plan else {
+            return Ok(());
         };
+        let source = &mut plan.sources[index];
         let logged = match self.options.clock {
             Clock::Log => i64::try_from(message.log_time).ok(),
             Clock::Publish => i64::try_from(message.publish_time).ok(),
@@ -390,16 +371,83 @@ impl Ingest {
             offset,
             time: logged,
         };
-        if plan.timeline.is_none() {
-            return self.direct(index, place, result);
+        let is_timed = plan.timeline.is_some();
+        // The values stay where they are, in a buffer that goes back when they are taken.
+        let buffer = if ahead.is_some() {
+            std::mem::take(&mut self.decoded.values)
+        } else {
+            std::mem::take(&mut source.values)
+        };
+        let values = match &ahead {
+            Some(taken) => &buffer[taken.clone()],
+            None => &buffer,
+        };
+        let outcome = if is_timed {
+            self.timed(index, values, place, result)
+        } else {
+            self.direct(index, values, place, result)
+        };
+        if ahead.is_some() {
+            self.decoded.values = buffer;
+        } else if let Some(plan) = &mut self.plan {
+            plan.sources[index].values = buffer;
         }
-        self.timed(index, place, result)
+        outcome
+    }
+
+    /// Decodes one message into its source, or takes what was decoded of it before its turn: then it says where among
+    /// `self.decoded.values` its values are.
+    fn decode(&mut self, route: usize, message: &Message<'_>) -> Result<Decoding, RecordingError> {
+        let (
+            Some(plan),
+            (
+                _,
+                Route::Wanted {
+                    source,
+                    reader,
+                    refusal,
+                },
+            ),
+        ) = (&mut self.plan, &mut self.routes[route])
+        else {
+            return Ok((None, Ok(())));
+        };
+        let source = &mut plan.sources[*source];
+        let Some(reader) = reader else {
+            let result = match self.channels.channel(message.channel_id) {
+                Some(channel) if source.is_decoded() => {
+                    // What another channel's message of the topic said is not this one's.
+                    source.row.clear();
+                    let schema = self.channels.schema(channel.schema_id);
+                    Err(match refusal {
+                        Some(refusal) => DecodeError::WrongType(refusal.clone()),
+                        None => source.why_not(channel, schema, message.data),
+                    })
+                }
+                _ => Ok(()),
+            };
+            return Ok((None, result));
+        };
+        if let Some(values) = self.decoded.take(self.readers.version(), source) {
+            return Ok((Some(values), Ok(())));
+        }
+        let result = source.read(reader, message.data);
+        if !source.has_other_names || self.survey.is_some() {
+            return Ok((None, result));
+        }
+        if self.episodes.n_given() == 0 {
+            return Err(RecordingError::OtherNames);
+        }
+        source.keep_first_names(reader);
+        self.readers.outdate();
+        Ok((None, source.read(reader, message.data)))
     }
 
     /// A message that is a whole step by itself.
     fn direct(
         &mut self,
         source: usize,
+        values: &[f64],
         place: Place,
         result: Result<(), String>,
     ) -> Result<(), RecordingError> {
@@ -415,14 +463,14 @@ impl Ingest {
         }
         let split = source.n_action_values();
         let values = if source.holds {
-            if !hold(&mut self.held, &source.values) {
+            if !hold(&mut self.held, values) {
                 self.tally.refuse(BEFORE_ALL_JOINTS, place.offset);
                 self.episodes.drop_step(meta, &self.common, &mut self.tally);
                 return Ok(());
             }
             &self.held
         } else {
-            &source.values
+            values
         };
         let (action, state) = values.split_at(split);
         let step = Step {
@@ -438,6 +486,7 @@ impl Ingest {
     fn timed(
         &mut self,
         index: usize,
+        values: &[f64],
         place: Place,
         result: Result<(), String>,
     ) -> Result<(), RecordingError> {
@@ -482,7 +531,7 @@ impl Ingest {
             self.tally.refuse(cause, place.offset);
             timeline.bad_held(index, at);
         } else {
-            put(timeline, index, source, at);
+            put(timeline, index, source, values, at);
         }
         let mut out = Output {
             episodes: &mut self.episodes,
@@ -557,7 +606,7 @@ impl Ingest {
 }
 
 /// Puts a message of a source on the timeline, for each of its uses.
-fn put(timeline: &mut Timeline, index: usize, source: &Source, mut at: At) {
+fn put(timeline: &mut Timeline, index: usize, source: &Source, values: &[f64], mut at: At) {
     let meta = Meta::of(&source.row);
     for used in &source.uses {
         match used {
@@ -566,9 +615,9 @@ fn put(timeline: &mut Timeline, index: usize, source: &Source, mut at: At) {
             Use::Done if at.counts => timeline.of_use(),
             Use::Done => {}
             Use::Id => timeline.id(meta.id, at),
-            Use::Held => timeline.held(index, &source.values, source.holds, at),
+            Use::Held => timeline.held(index, values, source.holds, at),
             Use::Clock => {
-                if !timeline.action(meta, &source.values, &source.ends, source.holds, at) {
+                if !timeline.action(meta, values, &source.ends, source.holds, at) {
                     let cause = "action has another width than in its first message";
                     timeline.bad_action(meta, cause, at);
                 }
@@ -597,10 +646,13 @@ impl Sink for Ingest {
         let result = match opcode {
             op::SCHEMA => Schema::parse(body).map(|schema| self.schema(schema, offset)),
             op::CHANNEL => Channel::parse(body).map(|channel| self.channel(channel, offset)),
-            op::MESSAGE => match Message::parse(body) {
-                Ok(message) => return self.message(&message, offset),
-                Err(e) => Err(e),
-            },
+            op::MESSAGE => {
+                self.decoded.pass();
+                match Message::parse(body) {
+                    Ok(message) => return self.message(&message, offset),
+                    Err(e) => Err(e),
+                }
+            }
             op::METADATA => Metadata::parse(body).map(|record| {
                 if !self.names_known
                     && let Some(names) = Names::of(&record)
@@ -619,6 +671,32 @@ impl Sink for Ingest {
                 loses_messages: true,
             })
         })
+    }
+
+    /// Those of all channels that were made; none before the first, which must be read to make it.
+    fn readers(&mut self) -> Option<Arc<Readers>> {
+        let plan = self.plan.as_ref()?;
+        let (routes, knows_all_names) = (&self.routes, self.survey.is_some());
+        let readers = self.readers.get(|version| Readers {
+            version,
+            knows_all_names,
+            channels: routes
+                .iter()
+                .filter_map(|(id, route)| match route {
+                    Route::Wanted {
+                        source,
+                        reader: Some(reader),
+                        ..
+                    } => Some((*id, plan.sources[*source].clone(), (**reader).clone())),
+                    _ => None,
+                })
+                .collect(),
+        });
+        Some(readers)
+    }
+
+    fn exchange(&mut self, decoded: &mut Decoded) {
+        std::mem::swap(&mut self.decoded, decoded);
     }
 
     /// Notes damage: it is counted by cause, described once, and steps may have been lost.

@@ -9,11 +9,13 @@
 //!
 //! The summary and the index are never believed over the data: nothing here reads them. One chunk is the unit of loss.
 
+mod ahead;
 mod align;
 mod channels;
 mod chunk;
 mod columns;
 mod decode;
+mod decoded;
 mod episodes;
 mod error;
 mod ingest;

@@ -108,19 +108,16 @@ impl RecordingReader {
             // Episodes that are given out stand: all must be known to be whole before the first.
             check(&self.files, &self.options)?;
         }
-        let mut episodes = Vec::new();
-        let mut bytes = 0;
+        let mut given = Given::default();
         let until = self.position().saturating_add(MAX_READ);
-        while !self.done && bytes < budget && self.position() < until {
-            let result = self.step();
-            for episode in self.ingest.episodes.take_ready() {
-                let values = episode.n_steps()
-                    * (episode.actions.n_columns() + episode.states.n_columns() + 2);
-                bytes += 8 * values as u64;
-                episodes.push(episode);
-            }
+        while !self.done && given.bytes < budget && self.position() < until {
+            let result = self.step(until, &mut |ingest| {
+                given.take_from(ingest);
+                given.bytes >= budget
+            });
+            given.take_from(&mut self.ingest);
             match result {
-                Err(e) if episodes.is_empty() => return Err(e),
+                Err(e) if given.episodes.is_empty() => return Err(e),
                 Err(e) => {
                     self.error = Some(e);
                     break;
@@ -128,12 +125,17 @@ impl RecordingReader {
                 Ok(()) => {}
             }
         }
-        Ok(episodes)
+        Ok(given.episodes)
     }
 
-    fn step(&mut self) -> Result<(), RecordingError> {
+    fn step(
+        &mut self,
+        until: u64,
+        is_enough: &mut (dyn FnMut(&mut Ingest) -> bool + Send),
+    ) -> Result<(), RecordingError> {
         if !self.scanner.is_done() {
-            match self.scanner.step(&mut self.ingest) {
+            let until = until.saturating_sub(self.bytes_before);
+            match self.scanner.run(&mut self.ingest, until, is_enough) {
                 Err(RecordingError::OtherNames) => return self.begin_again(),
                 result => result?,
             }
@@ -252,6 +254,24 @@ impl RecordingReader {
             n_messages_refused: 0,
             causes: Vec::new(),
             n_episodes: 0,
+        }
+    }
+}
+
+/// Episodes that one call gives out.
+#[derive(Default)]
+struct Given {
+    episodes: Vec<Episode>,
+    /// Bytes of their values.
+    bytes: u64,
+}
+
+impl Given {
+    fn take_from(&mut self, ingest: &mut Ingest) {
+        for episode in ingest.episodes.take_ready() {
+            let n_columns = episode.actions.n_columns() + episode.states.n_columns() + 2;
+            self.bytes += 8 * (episode.n_steps() * n_columns) as u64;
+            self.episodes.push(episode);
         }
     }
 }

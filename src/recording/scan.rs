@@ -4,13 +4,18 @@
 use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-use super::chunk::Inflater;
+use super::ahead::{Ahead, Slot};
+use super::decoded::{Decoded, Readers};
 use super::error::RecordingError;
 use super::limits::Limits;
-use super::open::{self, Fill, Stream};
+use super::open::{self, Fill};
 use super::records::{Next, op};
-use super::wire::{Chunk, Cursor, WireError};
+use super::wire::{self, Chunk};
+
+/// Files of fewer bytes are not read ahead: many of them are read at the same time, and each needs memory for it.
+const MIN_BYTES_AHEAD: u64 = 4 << 20;
 
 /// Something that is wrong with the file itself.
 #[derive(Debug, Clone, Copy)]
@@ -30,6 +35,14 @@ pub(crate) trait Sink {
     /// One record of the data section, on its own or out of a chunk; `offset` is that of the chunk then.
     fn record(&mut self, opcode: u8, body: &[u8], offset: u64) -> Result<(), RecordingError>;
 
+    /// What can decode messages before their turn, if the sink has any use for that.
+    fn readers(&mut self) -> Option<Arc<Readers>> {
+        None
+    }
+
+    /// A chunk begins of which `decoded` was decoded already; or it is over, and the sink gives that back.
+    fn exchange(&mut self, _decoded: &mut Decoded) {}
+
     /// Something is wrong with the file.
     fn damage(&mut self, damage: Damage<'_>) -> Result<(), RecordingError>;
 }
@@ -39,9 +52,8 @@ pub(crate) struct Scanner {
     path: PathBuf,
     bytes: u64,
     fill: Option<Fill>,
-    stream: Stream,
-    inflater: Inflater,
-    body: Vec<u8>,
+    ahead: Ahead,
+    position: u64,
     limits: Limits,
     section: Section,
     /// A data end record came.
@@ -61,6 +73,16 @@ enum Section {
     },
 }
 
+impl Section {
+    /// Is the body of a record with this opcode looked into?
+    fn wants(self, opcode: u8) -> bool {
+        match self {
+            Self::Data => is_wanted(opcode),
+            Self::Summary { for_sure } => is_data(opcode) && !for_sure,
+        }
+    }
+}
+
 impl Scanner {
     /// Opens the file at `path`.
     pub(crate) fn open(path: &Path, limits: &Limits) -> Result<Self, RecordingError> {
@@ -69,9 +91,8 @@ impl Scanner {
             path: path.to_owned(),
             bytes: opened.bytes,
             fill: opened.fill,
-            stream: opened.stream,
-            inflater: Inflater::default(),
-            body: Vec::new(),
+            position: opened.stream.offset(),
+            ahead: Ahead::new(opened.stream),
             limits: *limits,
             section: Section::Data,
             ended: false,
@@ -85,9 +106,9 @@ impl Scanner {
         self.bytes
     }
 
-    /// Bytes read so far.
+    /// Bytes of the file up to the end of what was taken last.
     pub(crate) fn position(&self) -> u64 {
-        self.stream.offset()
+        self.position
     }
 
     /// Is there nothing more?
@@ -98,19 +119,69 @@ impl Scanner {
     /// Takes the next record of the outer loop: a chunk and all that is in it, or a record on its own.
     pub(crate) fn step(&mut self, sink: &mut impl Sink) -> Result<(), RecordingError> {
         let section = self.section;
-        let wanted = |opcode| match section {
-            Section::Data => is_wanted(opcode),
-            Section::Summary { for_sure } => is_data(opcode) && !for_sure,
+        let mut slot = self.ahead.next(|opcode| section.wants(opcode));
+        self.position = slot.end;
+        let result = self.take(&mut slot, sink);
+        self.ahead.give_back(slot);
+        result
+    }
+
+    /// Takes records up to `until` bytes of the file, or until `is_enough` of what the sink has; always at least one.
+    /// Where there are threads for it, the chunks after those that are taken are made ready at the same time.
+    pub(crate) fn run<S: Sink + Send>(
+        &mut self,
+        sink: &mut S,
+        until: u64,
+        is_enough: &mut (dyn FnMut(&mut S) -> bool + Send),
+    ) -> Result<(), RecordingError> {
+        let is_parallel = self.bytes >= MIN_BYTES_AHEAD
+            && self.section == Section::Data
+            && !self.ahead.is_held_up()
+            && rayon::current_num_threads() > 1;
+        let Some(readers) = is_parallel.then(|| sink.readers()).flatten() else {
+            let result = self.step(sink);
+            is_enough(sink);
+            return result;
         };
-        match self.stream.next(wanted, &mut self.body) {
+        let mut chunks = self.ahead.chunks();
+        let (section, limits) = (self.section, self.limits);
+        let (ahead, position) = (&mut self.ahead, &mut self.position);
+        let mut done = Vec::with_capacity(chunks.len());
+        let has_lost_chunk = &mut self.has_lost_chunk;
+        let take = || {
+            let is_next = |chunk: &mut Box<Slot>| chunk.chunk_offset().is_some_and(|at| at < until);
+            while let Some(mut chunk) = chunks.pop_front_if(is_next) {
+                *position = chunk.end;
+                let result = chunk_records(&mut chunk, &limits, has_lost_chunk, sink);
+                done.push(chunk);
+                let is_enough = is_enough(sink);
+                result?;
+                if is_enough {
+                    break;
+                }
+            }
+            Ok(())
+        };
+        let wanted = |opcode| section.wants(opcode);
+        let (result, ()) = rayon::join(take, || ahead.fill(wanted, &readers, &limits));
+        for chunk in done {
+            ahead.give_back(chunk);
+        }
+        ahead.put_back(chunks);
+        result
+    }
+
+    fn take(&mut self, slot: &mut Slot, sink: &mut impl Sink) -> Result<(), RecordingError> {
+        let section = self.section;
+        match slot.next {
             Next::Record { opcode, offset } if section != Section::Data => {
-                if !wanted(opcode) {
+                if !section.wants(opcode) {
                     return Ok(());
                 }
                 self.go_on_with_data(offset, sink)?;
-                self.record(opcode, offset, sink)
+                self.record(opcode, offset, slot, sink)
             }
-            Next::Record { opcode, offset } => self.record(opcode, offset, sink),
+            Next::Record { opcode, offset } => self.record(opcode, offset, slot, sink),
             Next::TooLarge {
                 opcode,
                 offset,
@@ -122,8 +193,12 @@ impl Scanner {
                 declared,
                 available,
             } => {
-                if section == Section::Data && opcode == op::CHUNK {
-                    self.chunk(offset, false, sink)?;
+                if section == Section::Data
+                    && opcode == op::CHUNK
+                    && let Ok(chunk) = Chunk::parse(&slot.body)
+                {
+                    let records = slot.inflater.inflate_cut(&chunk, self.limits.max_chunk);
+                    records_of_chunk(records, offset, false, sink)?;
                 }
                 let what =
                     format!("its last record declares {declared} bytes, and {available} are left");
@@ -142,12 +217,13 @@ impl Scanner {
         &mut self,
         opcode: u8,
         offset: u64,
+        slot: &mut Slot,
         sink: &mut impl Sink,
     ) -> Result<(), RecordingError> {
         match opcode {
-            op::DATA_END => self.data_end(offset, sink),
-            op::CHUNK => self.chunk(offset, true, sink),
-            opcode => sink.record(opcode, &self.body, offset),
+            op::DATA_END => self.data_end(offset, &slot.body, sink),
+            op::CHUNK => chunk_records(slot, &self.limits, &mut self.has_lost_chunk, sink),
+            opcode => sink.record(opcode, &slot.body, offset),
         }
     }
 
@@ -159,7 +235,7 @@ impl Scanner {
             let _infallible = write!(what, ", then {n_bytes} bytes of {value:#04x}");
         }
         let mut cause = "file is cut";
-        if let Some(e) = self.stream.take_error() {
+        if let Some(e) = self.ahead.stream.take_error() {
             cause = "file cannot be read on";
             let _infallible = write!(what, "; it cannot be read on ({e})");
         }
@@ -174,7 +250,7 @@ impl Scanner {
 
     fn closing_magic(&mut self, junk: u64, sink: &mut impl Sink) -> Result<(), RecordingError> {
         self.done = true;
-        let offset = self.stream.offset() - junk;
+        let offset = self.ahead.stream.offset() - junk;
         if !self.ended {
             // Without it a record that swallowed the rest of the data would not be noticed.
             sink.damage(Damage {
@@ -185,7 +261,7 @@ impl Scanner {
             })?;
         }
         let junk = junk + self.fill.map_or(0, |fill| fill.n_bytes);
-        let what = match self.stream.take_error() {
+        let what = match self.ahead.stream.take_error() {
             Some(e) => format!("what follows the closing magic cannot be read ({e})"),
             None if junk == 0 => return self.changed(sink),
             None => format!("{junk} bytes follow the closing magic"),
@@ -248,13 +324,17 @@ impl Scanner {
     }
 
     /// The data section ends here; what follows is the summary.
-    fn data_end(&mut self, offset: u64, sink: &mut impl Sink) -> Result<(), RecordingError> {
+    fn data_end(
+        &mut self,
+        offset: u64,
+        body: &[u8],
+        sink: &mut impl Sink,
+    ) -> Result<(), RecordingError> {
         self.ended = true;
-        let declared = self
-            .body
+        let declared = body
             .first_chunk::<4>()
             .map_or(0, |bytes| u32::from_le_bytes(*bytes));
-        let found = self.stream.crc_before_last();
+        let found = self.ahead.stream.crc_before_last();
         self.section = Section::Summary {
             for_sure: found == declared,
         };
@@ -268,39 +348,6 @@ impl Scanner {
             // A chunk that is lost explains it, and has been reckoned with.
             loses_messages: !self.has_lost_chunk,
         })
-    }
-
-    /// Takes a chunk; `is_whole` is false where the end of the file cut it.
-    fn chunk(
-        &mut self,
-        offset: u64,
-        is_whole: bool,
-        sink: &mut impl Sink,
-    ) -> Result<(), RecordingError> {
-        let chunk = match Chunk::parse(&self.body) {
-            Ok(chunk) => chunk,
-            Err(_) if !is_whole => return Ok(()),
-            Err(e) => {
-                self.has_lost_chunk = true;
-                let what = format!("chunk {e}");
-                return sink.damage(lost_chunk(
-                    "chunk record that cannot be read",
-                    &what,
-                    offset,
-                ));
-            }
-        };
-        if !is_whole {
-            let records = self.inflater.inflate_cut(&chunk, self.limits.max_chunk);
-            return records_of_chunk(records, offset, false, sink);
-        }
-        match self.inflater.inflate(&chunk, self.limits.max_chunk) {
-            Ok(records) => records_of_chunk(records, offset, true, sink),
-            Err(e) => {
-                self.has_lost_chunk = true;
-                sink.damage(lost_chunk(e.cause(), &e.to_string(), offset))
-            }
-        }
     }
 }
 
@@ -326,19 +373,35 @@ fn lost_chunk<'a>(cause: &'a str, what: &'a str, offset: u64) -> Damage<'a> {
     }
 }
 
+/// Takes a whole chunk; one that is lost is told of.
+fn chunk_records(
+    slot: &mut Slot,
+    limits: &Limits,
+    has_lost_chunk: &mut bool,
+    sink: &mut impl Sink,
+) -> Result<(), RecordingError> {
+    let offset = slot.chunk_offset().unwrap_or(0);
+    match slot.records(limits) {
+        Ok((records, decoded)) => {
+            sink.exchange(decoded);
+            let result = records_of_chunk(records, offset, true, sink);
+            sink.exchange(decoded);
+            result
+        }
+        Err(e) => {
+            *has_lost_chunk = true;
+            sink.damage(lost_chunk(e.cause(), &e.to_string(), offset))
+        }
+    }
+}
+
 fn records_of_chunk(
     records: &[u8],
     offset: u64,
     is_whole: bool,
     sink: &mut impl Sink,
 ) -> Result<(), RecordingError> {
-    let mut cursor = Cursor::new(records);
-    while !cursor.rest().is_empty() {
-        let record = (|| {
-            let opcode = cursor.u8("opcode")?;
-            let length = cursor.u64("length")?;
-            Ok::<_, WireError>((opcode, cursor.bytes(length, "body")?))
-        })();
+    for record in wire::records(records) {
         match record {
             Ok((op::CHUNK, _)) => sink.damage(lost_chunk(
                 "chunk inside a chunk",
@@ -346,15 +409,12 @@ fn records_of_chunk(
                 offset,
             ))?,
             Ok((opcode, body)) => sink.record(opcode, body, offset)?,
-            Err(_) if !is_whole => break,
-            Err(e) => {
-                sink.damage(lost_chunk(
-                    "chunk whose records do not fit it",
-                    &format!("a record {e} in the chunk"),
-                    offset,
-                ))?;
-                break;
-            }
+            Err(_) if !is_whole => {}
+            Err(e) => sink.damage(lost_chunk(
+                "chunk whose records do not fit it",
+                &format!("a record {e} in the chunk"),
+                offset,
+            ))?,
         }
     }
     Ok(())

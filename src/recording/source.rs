@@ -52,7 +52,7 @@ pub(crate) struct Extras {
 }
 
 /// One topic that is read.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Source {
     pub(crate) topic: String,
     /// Selectors with their roles: all actions first.
@@ -88,7 +88,7 @@ struct FirstNames {
 }
 
 /// How the messages of one channel are read.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct ChannelReader {
     decoder: Decoder,
     /// Targets of its rows: what each is for, and how many values it gets at least.
@@ -97,7 +97,7 @@ pub(crate) struct ChannelReader {
 }
 
 /// How the values of one selector come out of the row.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 enum Bind {
     /// As they are.
     All {
@@ -121,7 +121,7 @@ enum Bind {
 }
 
 /// Where each wanted name stands in messages with the names `of`.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 struct Permutation {
     of: Names,
     places: Vec<Option<usize>>,
@@ -292,7 +292,7 @@ impl Source {
             return Err(DecodeError::Missing("the end flag"));
         }
         for (bind, (role, _)) in reader.binds.iter_mut().zip(&self.takes) {
-            let is_like_first = bind.append(&self.row, role.label(), &mut self.values)?;
+            let is_like_first = bind.append(&mut self.row, role.label(), &mut self.values)?;
             self.has_other_names |= !is_like_first;
             self.ends.push(self.values.len());
         }
@@ -572,7 +572,7 @@ impl Bind {
     /// Appends the values of a message; false if it has other names than the first, and not all are known yet.
     fn append(
         &mut self,
-        row: &Row,
+        row: &mut Row,
         label: &'static str,
         values: &mut Vec<f64>,
     ) -> Result<bool, DecodeError> {
@@ -585,14 +585,19 @@ impl Bind {
                     values: taken,
                     names,
                     ..
-                } = &row.targets[*target];
+                } = &mut row.targets[*target];
                 if *may_be_named && names.len() == taken.len() {
                     return Ok(false);
                 }
-                if taken.iter().any(|&v| is_absent(v)) {
+                // All are looked at, whatever comes first: that becomes vector instructions.
+                if taken.iter().fold(false, |any, &v| any | is_absent(v)) {
                     return Err(DecodeError::Missing(label));
                 }
-                values.extend_from_slice(taken);
+                if values.is_empty() {
+                    std::mem::swap(values, taken);
+                } else {
+                    values.extend_from_slice(taken);
+                }
             }
             Self::Named {
                 target,

@@ -193,6 +193,25 @@ impl<'a> Chunk<'a> {
     }
 }
 
+/// The records of an inflated chunk, opcode and body; an error is the last item.
+pub(crate) fn records(chunk: &[u8]) -> impl Iterator<Item = Result<(u8, &[u8]), WireError>> {
+    let mut cursor = Cursor::new(chunk);
+    std::iter::from_fn(move || {
+        if cursor.rest().is_empty() {
+            return None;
+        }
+        let record = (|| {
+            let opcode = cursor.u8("opcode")?;
+            let length = cursor.u64("length")?;
+            Ok((opcode, cursor.bytes(length, "body")?))
+        })();
+        if record.is_err() {
+            cursor = Cursor::new(&[]);
+        }
+        Some(record)
+    })
+}
+
 /// A Metadata record.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Metadata {

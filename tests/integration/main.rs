@@ -23,6 +23,7 @@ mod hostile;
 mod hostile_files;
 mod hostile_runs;
 mod layouts;
+mod read_ahead;
 mod recording;
 mod support;
 mod tables;

@@ -26,7 +26,7 @@ mod walk_error;
 use thiserror::Error;
 
 pub(crate) use plan::{Access, Field, Node, Wanted};
-pub(crate) use row::{ABSENT, Names, Row, RowId, Target, is_absent};
+pub(crate) use row::{ABSENT, Head, Names, Row, RowId, Target, is_absent};
 pub(crate) use value::Value;
 
 use super::wire::{Channel, Schema};
@@ -86,7 +86,7 @@ pub(crate) const SUPPORTED: &str = if cfg!(feature = "flatbuffer") {
 };
 
 /// The encodings, each with what it needs to read a message.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 enum Walk {
     /// JSON text.
     Json(json::Json),
@@ -104,7 +104,7 @@ enum Walk {
 }
 
 /// A decoder compiled for one channel.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Decoder {
     walk: Walk,
 }

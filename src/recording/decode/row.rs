@@ -67,7 +67,7 @@ impl Names {
 }
 
 /// The values of one selector, or of several that pick from the same field by name.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Target {
     /// What it is for, as messages call it: `action`, `state`.
     pub(crate) label: &'static str,
@@ -79,8 +79,20 @@ pub(crate) struct Target {
     pub(crate) min_len: usize,
 }
 
+/// All of a row but its values, names and text.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Head {
+    id: RowId,
+    step: Option<i64>,
+    reward: Option<f64>,
+    ended: bool,
+    has_end_flag: bool,
+    has_end_field: bool,
+    stamp: (Option<i64>, i64),
+}
+
 /// The values of one message. A decoder that fails leaves what it had read by then.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Row {
     pub(crate) targets: Vec<Target>,
     pub(crate) id: RowId,
@@ -144,6 +156,32 @@ impl Row {
         self.has_end_field = false;
         self.stamp_seconds = None;
         self.stamp_nanos = 0;
+    }
+
+    /// All but values, names and text.
+    pub(crate) fn head(&self) -> Head {
+        Head {
+            id: self.id,
+            step: self.step,
+            reward: self.reward,
+            ended: self.ended,
+            has_end_flag: self.has_end_flag,
+            has_end_field: self.has_end_field,
+            stamp: (self.stamp_seconds, self.stamp_nanos),
+        }
+    }
+
+    /// Becomes the row of a message that was decoded elsewhere, but for its values and names.
+    pub(crate) fn set_head(&mut self, head: &Head, id_text: &str) {
+        self.clear();
+        self.id = head.id;
+        self.id_text.push_str(id_text);
+        self.step = head.step;
+        self.reward = head.reward;
+        self.ended = head.ended;
+        self.has_end_flag = head.has_end_flag;
+        self.has_end_field = head.has_end_field;
+        (self.stamp_seconds, self.stamp_nanos) = head.stamp;
     }
 
     /// The message's own time, nanoseconds since the Unix epoch.
@@ -294,7 +332,9 @@ impl Row {
             if values.len() > MAX_VECTOR_WIDTH {
                 return Err(DecodeError::TooWide(label));
             }
-            if !values.iter().all(|&v| v.is_finite() || is_absent(v)) {
+            // All are looked at, whatever comes first: that becomes vector instructions.
+            let are_numbers = |all: bool, &v: &f64| all & (v.is_finite() | is_absent(v));
+            if !values.iter().fold(true, are_numbers) {
                 return Err(DecodeError::NotFinite(label));
             }
         }

@@ -26,7 +26,7 @@ use crate::recording::MAX_DEPTH;
 use crate::recording::wire::Schema;
 
 /// What to take of the messages of a schema.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Plan {
     types: Types,
     root: usize,
@@ -35,7 +35,7 @@ pub(super) struct Plan {
 }
 
 /// What to do at a place of a message.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 enum Step {
     Take {
         field: Field,

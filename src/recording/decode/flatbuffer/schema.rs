@@ -4,12 +4,12 @@ use super::buffer::{Budget, Buffer, Table};
 use crate::recording::decode::DecodeError;
 
 /// Tables and structs.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Types {
     objects: Vec<Object>,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Object {
     pub(super) name: String,
     /// In the order of their ids.
@@ -18,7 +18,7 @@ pub(super) struct Object {
     n_bytes: usize,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct FieldType {
     pub(super) name: String,
     pub(super) kind: Kind,

@@ -24,7 +24,7 @@ use super::tree::ValueSeed;
 use super::value::Value;
 
 /// What is wanted of the messages of a channel, with buffers that are used again.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Json {
     trees: Vec<Node>,
     scratch: Scratch,

@@ -10,7 +10,7 @@ use crate::recording::decode::row::{ABSENT, Row};
 use crate::recording::decode::tree::Seen;
 
 /// Buffers of a walk; once they have grown, a message allocates nothing.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Scratch {
     /// A string that has escapes.
     text: Vec<u8>,

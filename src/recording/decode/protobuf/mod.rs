@@ -31,7 +31,7 @@ use schema::Type;
 use walk::{Stop, Walk};
 
 /// What is wanted of the messages of one channel.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Plan {
     trees: Vec<plan::Message>,
 }

@@ -35,14 +35,14 @@ use super::{DecodeError, ExampleError, PlanError};
 use crate::recording::wire::{Channel, Schema};
 
 /// A decoder of the messages of one channel.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Ros {
     dialect: Dialect,
     /// As [`layouts`] has them.
     variants: Vec<Variant>,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct Variant {
     layout: Layout,
     /// One for each tree.

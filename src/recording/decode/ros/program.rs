@@ -7,7 +7,7 @@ use super::schema::Number;
 use super::texts::TextsCache;
 
 /// Steps for one layout and one tree of wanted fields.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Program {
     pub(super) ops: Vec<Op>,
     /// Targets of which at least one field is in the schema, though arrays on its way may be empty.
@@ -17,7 +17,7 @@ pub(super) struct Program {
 }
 
 /// A step. Arrays with a count of [`Count::Sequence`] start with it; the place is aligned for that.
-#[derive(Debug, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) enum Op {
     /// Pads to a power of two, given as it less one.
     Align(usize),
@@ -71,7 +71,7 @@ pub(super) struct Pick {
 }
 
 /// Elements of an array of structs that the same is wanted of.
-#[derive(Debug, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct Segment {
     pub(super) range: Range<usize>,
     pub(super) ops: Vec<Op>,
@@ -81,7 +81,7 @@ pub(super) struct Segment {
 
 /// Steps as they are appended, with what is known of the place they lead to: it is a multiple of `modulus`, plus
 /// `offset`. Padding that follows from it is no step of its own.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Block {
     pub(super) ops: Vec<Op>,
     modulus: usize,

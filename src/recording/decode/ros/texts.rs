@@ -12,7 +12,7 @@ use crate::recording::limits::MAX_VECTOR_WIDTH;
 const MAX_CACHED: usize = 1 << 16;
 
 /// The texts of the message before. Joints have the same names in every message: equal bytes are not walked again.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct TextsCache {
     /// From the count, or the first length, to the end of the last text. Nothing is remembered if it is empty.
     bytes: Vec<u8>,
