@@ -1,10 +1,12 @@
 //! Writes recordings for benchmarks: one of 128 state columns, half of them small integers and half floats of 17 digits,
-//! one action, episodes of 2,000 steps, chunks of 1 MiB in zstd; or many, each of 200 steps and 4 state columns.
+//! one action, episodes of 2,000 steps, chunks of 1 MiB in zstd; or many, each of 200 steps and 4 state columns;
+//! or one episode of 33,600 state columns, as many as a grey image has.
 //!
 //! ```sh
 //! cargo run --release --example generate_recording -- json 1000 out.mcap    # about 1,000 MB of messages
 //! cargo run --release --example generate_recording -- cdr 1000 out.mcap     # read with the flags it prints
 //! cargo run --release --example generate_recording -- many 5000 folder      # 5,000 recordings in JSON
+//! cargo run --release --example generate_recording -- wide 500 out.mcap     # one episode of 500 steps
 //! ```
 #![expect(clippy::print_stdout, reason = "it tells how to read the file")]
 
@@ -18,9 +20,10 @@ use anyhow::{Context, Result, bail};
 use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions, Writer};
 
-/// Columns of the state, in one large recording and in many small ones.
+/// Columns of the state: in one large recording, in many small ones, in one that is wide.
 const N_STATE_DIMS: usize = 128;
 const N_SMALL_STATE_DIMS: usize = 4;
+const N_WIDE_STATE_DIMS: usize = 33_600;
 
 /// Steps of an episode, in one large recording and in many small ones.
 const EPISODE_STEPS: u64 = 2_000;
@@ -42,9 +45,13 @@ const MULTI_ARRAY: &str = "MultiArrayLayout layout\nfloat64[] data\n\
 fn main() -> Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [kind, number, path] = arguments.as_slice() else {
-        bail!("usage: generate_recording json|cdr MEGABYTES FILE.mcap, or: many NUMBER FOLDER");
+        bail!(
+            "usage: generate_recording json|cdr MEGABYTES FILE.mcap, or: many NUMBER FOLDER, or: wide STEPS FILE.mcap"
+        );
     };
-    let number = number.parse::<u64>().context("MEGABYTES or NUMBER")?;
+    let number = number
+        .parse::<u64>()
+        .context("MEGABYTES, NUMBER or STEPS")?;
     match kind.as_str() {
         "json" => {
             let agent = Agent::new(1, N_STATE_DIMS);
@@ -54,6 +61,12 @@ fn main() -> Result<()> {
             Ok(())
         }
         "cdr" => cdr(create(path)?, number * 1_000_000),
+        "wide" => {
+            let agent = Agent::new(1, N_WIDE_STATE_DIMS);
+            json(create(path)?, agent, number, |step, _| step == 0)?;
+            println!("{number} steps; coact extract FILE -o out");
+            Ok(())
+        }
         "many" => {
             fs::create_dir_all(path)?;
             for nth in 0..number {
@@ -66,7 +79,7 @@ fn main() -> Result<()> {
             println!("{number} recordings; coact extract FOLDER -o out");
             Ok(())
         }
-        other => bail!("{other:?} is neither json, cdr nor many"),
+        other => bail!("{other:?} is neither json, cdr, many nor wide"),
     }
 }
 
