@@ -16,6 +16,8 @@ pub mod extraction;
 
 pub mod recording;
 
+mod storage;
+
 pub mod tables;
 
 pub mod report;

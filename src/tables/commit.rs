@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 use super::directory::temporary_name;
 use super::error::TableError;
 use super::schema::TABLE_VERSION;
-use super::storage::Storage;
 use crate::model::{RecordingIdentity, RecordingStatus};
+use crate::storage::Storage;
 
 /// What a batch of rows is about, in the order of the rows.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -205,5 +205,6 @@ fn write<T: Serialize>(storage: &Storage, path: &Path, value: &T) -> Result<(), 
         .file_name()
         .and_then(|n| n.to_str())
         .unwrap_or("commit");
-    storage.write_whole(path, &path.with_file_name(temporary_name(name)), &text)
+    storage.write_whole(path, &path.with_file_name(temporary_name(name)), &text)?;
+    Ok(())
 }

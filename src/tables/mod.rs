@@ -13,14 +13,13 @@ mod error;
 mod output;
 mod rows;
 mod schema;
-mod storage;
 mod writer;
 
+pub use crate::storage::{Faults, StorageError};
 pub use commit::{DoneRecording, Mark, OpenRecording};
 pub use directory::{holds_run, remove_temporaries};
 pub use error::TableError;
 pub use output::OutputDirectory;
 pub use rows::{Batches, RowsBuilder};
 pub use schema::{TABLE_VERSION, Table};
-pub use storage::Faults;
 pub use writer::{DEFAULT_MAX_PART_ROWS, TableOptions, TableWriter};

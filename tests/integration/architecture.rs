@@ -14,7 +14,8 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
     ("report", &["model"]),
     ("recording", &["model"]),
     ("extraction", &["model"]),
-    ("tables", &["model"]),
+    ("tables", &["storage", "model"]),
+    ("storage", &[]),
     ("model", &[]),
     ("lib", &[]),
 ];
