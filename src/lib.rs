@@ -8,7 +8,7 @@
 //! ```
 //!
 //! Modules in reading order: [`model`] holds the words, [`extraction`] the method, [`recording`] the reader,
-//! [`tables`] the writer, [`report`] the closing summary, [`pipeline`] joins them, [`cli`] is what a user types.
+//! [`tables`] the writer, [`events`] what viewers show, [`report`] the closing summary, [`pipeline`] joins them, [`cli`] is what a user types.
 
 pub mod model;
 
@@ -19,6 +19,8 @@ pub mod recording;
 mod storage;
 
 pub mod tables;
+
+pub mod events;
 
 pub mod report;
 

@@ -5,6 +5,7 @@
 //!           └─> RecordingRow ─────────────────────────────┘
 //! ```
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
@@ -111,6 +112,21 @@ impl Episode {
     pub fn n_steps(&self) -> usize {
         self.actions.n_rows()
     }
+
+    /// Name of a joint, if it is known and joints are taken each on its own.
+    pub fn joint_name(&self, mode: JointMode, index: usize) -> Option<&Arc<str>> {
+        match mode {
+            JointMode::Each => self.joint_names.as_ref()?.get(index),
+            JointMode::Together => None,
+        }
+    }
+
+    /// The sum of rewards over some steps, if every one of them has one.
+    pub fn reward_sum(&self, steps: Range<usize>) -> Option<f64> {
+        let rewards = &self.rewards.as_ref()?[steps];
+        let sum = rewards.iter().fold(0.0, |sum, r| sum + r);
+        (!rewards.is_empty() && !sum.is_nan()).then_some(sum)
+    }
 }
 
 /// A measure over an episode and what follows from it; each of length `T`.
@@ -161,6 +177,16 @@ pub enum JointMode {
     Each,
     /// One series and one partition for the whole action.
     Together,
+}
+
+impl JointMode {
+    /// What a joint is called in tables: its index, −1 for all together.
+    pub fn joint_number(self, index: usize) -> i32 {
+        match self {
+            Self::Each => i32::try_from(index).unwrap_or(i32::MAX),
+            Self::Together => -1,
+        }
+    }
 }
 
 /// All that the method finds in one episode.

@@ -9,7 +9,7 @@ use std::time::Duration;
 use serde::{Serialize, Serializer};
 
 use crate::model::{
-    Cause, ChosenLayout, Episode, EpisodeStatus, Extraction, JointMode, Outcome, RecordingRow,
+    Cause, ChosenLayout, Episode, EpisodeStatus, Extraction, Outcome, RecordingRow,
 };
 
 /// How a run ended.
@@ -58,19 +58,11 @@ pub struct EnvironmentSummary {
 impl EnvironmentSummary {
     /// Counts what was found in one episode; how many composite actions that is.
     fn add_joints(&mut self, episode: &Episode, extraction: &Extraction) -> u64 {
-        let together = extraction.mode == JointMode::Together;
+        let mode = extraction.mode;
         let mut n_segments = 0;
         for (index, joint) in extraction.joints.iter().enumerate() {
-            let number = if together {
-                -1
-            } else {
-                i32::try_from(index).unwrap_or(i32::MAX)
-            };
-            let name = episode
-                .joint_names
-                .as_ref()
-                .filter(|_| !together)
-                .and_then(|names| names.get(index).cloned());
+            let number = mode.joint_number(index);
+            let name = episode.joint_name(mode, index).cloned();
             let summary = self.joints.entry(number).or_insert_with(|| JointSummary {
                 joint_name: name.clone(),
                 ..JointSummary::default()

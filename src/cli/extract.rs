@@ -23,6 +23,7 @@ Examples:
   coact extract logs -o out --measure shannon --window 8 --threshold 0.3
   coact extract logs -o out --joints together --steps none
   coact extract bags -o out --action /command:data --state /joint_states:position
+  coact extract logs -o out --events events         for Foxglove, Lichtblick or Rerun, too
   coact extract logs --dry-run                      read and check everything, write nothing
   coact extract --config run.toml -o out            options from a file; the command line wins
 
@@ -168,6 +169,10 @@ struct Options {
     /// Write the per-step table [default: full]
     #[arg(long, value_enum, value_name = "WHAT", help_heading = "Output")]
     steps: Option<Steps>,
+
+    /// Write composite actions and changes as an MCAP file beside each recording's name, for viewers
+    #[arg(long, value_name = "DIR", help_heading = "Output")]
+    events: Option<PathBuf>,
 
     /// Start again in a directory that holds another run
     #[arg(long, help_heading = "Output")]
@@ -364,6 +369,7 @@ impl Options {
             clock: self.clock.or(other.clock),
             on_damage: self.on_damage.or(other.on_damage),
             steps: self.steps.or(other.steps),
+            events: self.events.or(other.events),
             overwrite: self.overwrite || other.overwrite,
             dry_run: self.dry_run || other.dry_run,
             max_record: self.max_record.or(other.max_record),
@@ -447,9 +453,9 @@ impl Options {
         if self.inputs.is_empty() {
             return Err("no INPUT given: name files, folders or globs of recordings".to_owned());
         }
-        if self.output.is_none() && !self.dry_run {
+        if self.output.is_none() && self.events.is_none() && !self.dry_run {
             return Err(
-                "no output directory given: --output DIR (or --dry-run to write nothing)"
+                "no output directory given: --output DIR (or --events DIR alone, or --dry-run to write nothing)"
                     .to_owned(),
             );
         }
@@ -471,6 +477,7 @@ impl Options {
             threads: self.threads.unwrap_or_default(),
             parameters: self.parameters(),
             output: self.output.filter(|_| !self.dry_run),
+            events: self.events.filter(|_| !self.dry_run),
             inputs: self.inputs,
         };
         Ok(Request::Run {
@@ -487,6 +494,7 @@ impl Options {
         let relevant = Self {
             inputs: Vec::new(),
             output: None,
+            events: None,
             overwrite: false,
             dry_run: false,
             max_part_rows: None,

@@ -1,4 +1,4 @@
-//! The house's one rule: `cli → pipeline → {recording, extraction, tables, report} → model`, held as data.
+//! The house's one rule: `cli → pipeline → {recording, extraction, tables, events, report} → model`, held as data.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -9,12 +9,20 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
     ("cli", &["pipeline", "extraction", "recording", "model"]),
     (
         "pipeline",
-        &["recording", "extraction", "tables", "report", "model"],
+        &[
+            "recording",
+            "extraction",
+            "tables",
+            "events",
+            "report",
+            "model",
+        ],
     ),
     ("report", &["model"]),
     ("recording", &["model"]),
     ("extraction", &["model"]),
     ("tables", &["storage", "model"]),
+    ("events", &["storage", "model"]),
     ("storage", &[]),
     ("model", &[]),
     ("lib", &[]),

@@ -54,6 +54,7 @@ fn config(inputs: &Path, output: &Path, faults: Option<Arc<Faults>>) -> Config {
     Config {
         inputs: vec![inputs.to_owned()],
         output: Some(output.to_owned()),
+        events: None,
         params: ExtractionParams::new(RawParams::default()).unwrap(),
         read: ReadOptions::default(),
         steps: true,

@@ -17,6 +17,7 @@ mod architecture;
 mod cli;
 mod corpus;
 mod durability;
+mod events;
 mod extraction_golden;
 mod extraction_properties;
 mod hostile;
