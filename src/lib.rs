@@ -8,7 +8,7 @@
 //! ```
 //!
 //! Modules in reading order: [`model`] holds the words, [`extraction`] the method, [`recording`] the reader,
-//! [`tables`] the writer, [`report`] the closing summary, [`pipeline`] joins them, [`cli`] is what a user types.
+//! [`tables`] the writer, [`summary`] what a run tells at its end, [`pipeline`] joins them, [`cli`] is what a user types.
 
 pub mod model;
 
@@ -18,7 +18,7 @@ pub mod recording;
 
 pub mod tables;
 
-pub mod report;
+pub mod summary;
 
 pub mod pipeline;
 

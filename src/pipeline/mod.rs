@@ -32,7 +32,7 @@ pub use crate::tables::{DEFAULT_MAX_PART_ROWS, remove_temporaries};
 
 use crate::extraction::{self, ExtractionParams};
 use crate::model::{Episode, Outcome, RecordingIdentity, RecordingRow};
-use crate::report::{RunOutcome, RunSummary};
+use crate::summary::{RunOutcome, RunSummary};
 use crate::tables::{
     Batches, DoneRecording, Mark, OutputDirectory, RowsBuilder, TableError, TableOptions,
     TableWriter,

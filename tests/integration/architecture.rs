@@ -1,17 +1,17 @@
-//! The house's one rule: `cli → pipeline → {recording, extraction, tables, report} → model`, held as data.
+//! The house's one rule: `cli → pipeline → {recording, extraction, tables, summary} → model`, held as data.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Each module and what it may import from the crate.
 const MAY_IMPORT: &[(&str, &[&str])] = &[
-    ("main", &["cli", "pipeline", "report"]),
+    ("main", &["cli", "pipeline", "summary"]),
     ("cli", &["pipeline", "extraction", "recording", "model"]),
     (
         "pipeline",
-        &["recording", "extraction", "tables", "report", "model"],
+        &["recording", "extraction", "tables", "summary", "model"],
     ),
-    ("report", &["model"]),
+    ("summary", &["model"]),
     ("recording", &["model"]),
     ("extraction", &["model"]),
     ("tables", &["model"]),
