@@ -8,7 +8,7 @@
 //! ```
 //!
 //! Modules in reading order: [`model`] holds the words, [`extraction`] the method, [`recording`] the reader,
-//! [`tables`] the writer, [`events`] what viewers show, [`report`] the closing summary, [`pipeline`] joins them, [`cli`] is what a user types.
+//! [`tables`] the writer, [`events`] what viewers show, [`summary`] the closing summary, [`pipeline`] joins them, [`cli`] is what a user types.
 
 pub mod model;
 
@@ -22,7 +22,7 @@ pub mod tables;
 
 pub mod events;
 
-pub mod report;
+pub mod summary;
 
 pub mod pipeline;
 

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use clap::Parser;
 use coact::cli::{self, Cli, Command, ProgressDisplay, Request, Signals, SummaryFormat, exit};
 use coact::pipeline::{self, Interrupt, RunError};
-use coact::report::RunOutcome;
+use coact::summary::RunOutcome;
 
 fn main() -> ExitCode {
     let code = match Cli::parse().command {

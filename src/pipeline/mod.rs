@@ -30,7 +30,7 @@ pub use inspect::{Inspected, inspect};
 pub use crate::tables::DEFAULT_MAX_PART_ROWS;
 
 use crate::events::{self, EventsWriter};
-use crate::report::{RunOutcome, RunSummary};
+use crate::summary::{RunOutcome, RunSummary};
 use crate::tables::{self, OutputDirectory, TableOptions, TableWriter};
 use inputs::Input;
 use resume::InTables;

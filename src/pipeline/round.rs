@@ -11,7 +11,7 @@ use super::source::{Event, Round};
 use crate::events::{EventsWriter, Item};
 use crate::extraction::{self, ExtractionParams};
 use crate::model::{Episode, Outcome, RecordingIdentity, RecordingRow};
-use crate::report::RunSummary;
+use crate::summary::RunSummary;
 use crate::tables::{Batches, DoneRecording, Mark, RowsBuilder, TableWriter};
 
 /// Step rows that are made into one batch: enough for the writer to work on whole columns.

@@ -1,11 +1,11 @@
-//! The house's one rule: `cli → pipeline → {recording, extraction, tables, events, report} → model`, held as data.
+//! The house's one rule: `cli → pipeline → {recording, extraction, tables, events, summary} → model`, held as data.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Each module and what it may import from the crate.
 const MAY_IMPORT: &[(&str, &[&str])] = &[
-    ("main", &["cli", "pipeline", "report"]),
+    ("main", &["cli", "pipeline", "summary"]),
     ("cli", &["pipeline", "extraction", "recording", "model"]),
     (
         "pipeline",
@@ -14,11 +14,11 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
             "extraction",
             "tables",
             "events",
-            "report",
+            "summary",
             "model",
         ],
     ),
-    ("report", &["model"]),
+    ("summary", &["model"]),
     ("recording", &["model"]),
     ("extraction", &["model"]),
     ("tables", &["storage", "model"]),

@@ -10,7 +10,7 @@ use std::time::Duration;
 use coact::extraction::{ExtractionParams, RawParams};
 use coact::pipeline::{self, Config, Interrupt, RunError};
 use coact::recording::ReadOptions;
-use coact::report::RunOutcome;
+use coact::summary::RunOutcome;
 use coact::tables::Faults;
 
 use rayon::prelude::*;
