@@ -8,7 +8,8 @@
 //! ```
 //!
 //! Modules in reading order: [`model`] holds the words, [`extraction`] the method, [`recording`] the reader,
-//! [`tables`] the writer, [`events`] what viewers show, [`summary`] the closing summary, [`pipeline`] joins them, [`cli`] is what a user types.
+//! [`tables`] the writer, [`events`] what viewers show, [`summary`] what a run tells at its end, [`pipeline`] joins
+//! them, [`cli`] is what a user types.
 
 pub mod model;
 

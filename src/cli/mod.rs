@@ -4,6 +4,7 @@ mod bytes;
 mod extract;
 pub mod inspect;
 mod progress;
+mod reading;
 mod signals;
 
 use std::io::Write;
