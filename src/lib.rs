@@ -19,6 +19,8 @@ pub mod recording;
 
 mod storage;
 
+mod text;
+
 pub mod tables;
 
 pub mod events;

@@ -13,6 +13,7 @@ fn main() -> ExitCode {
     let code = match Cli::parse().command {
         Command::Extract(args) => extract(*args),
         Command::Inspect(args) => inspect(&args),
+        Command::Compare(args) => compare(&args),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             cli::completions(shell, &mut script);
@@ -50,11 +51,7 @@ fn extract(args: cli::ExtractArgs) -> u8 {
         tell(&summary.listing_text());
     }
     tell(&summary.remarks_text());
-    let code = match summary.outcome() {
-        RunOutcome::Done => exit::DONE,
-        RunOutcome::Partial => exit::PARTIAL,
-        RunOutcome::Failed => exit::FAILED,
-    };
+    let code = code_of_outcome(summary.outcome());
     let code = match format {
         _ if quiet => code,
         SummaryFormat::Text => print(summary.to_text().as_bytes(), code),
@@ -77,6 +74,37 @@ fn inspect(args: &cli::InspectArgs) -> u8 {
         cli::inspect::to_text(&inspected)
     };
     print(text.as_bytes(), cli::inspect::exit_code(&inspected))
+}
+
+fn compare(args: &cli::CompareArgs) -> u8 {
+    let config = match args.config() {
+        Ok(config) => config,
+        Err(message) => return fail(&message, exit::USAGE),
+    };
+    let display = ProgressDisplay::new(args.progress());
+    let interrupt = Arc::new(Interrupt::default());
+    let signals = Signals::watch(&interrupt, None, None);
+    let result = pipeline::compare(&config, &|p| display.update(p), &interrupt);
+    display.finish();
+    let (comparison, summary) = match result {
+        Ok(found) => found,
+        Err(RunError::Interrupted) => return fail("interrupted", signals.exit_code()),
+        Err(e) => return fail(&e.to_string(), code_of(&e)),
+    };
+    tell(&summary.remarks_text());
+    let code = code_of_outcome(summary.outcome());
+    if summary.outcome() == RunOutcome::Failed {
+        return fail("no episode came out", code);
+    }
+    print(args.print(&comparison).as_bytes(), code)
+}
+
+fn code_of_outcome(outcome: RunOutcome) -> u8 {
+    match outcome {
+        RunOutcome::Done => exit::DONE,
+        RunOutcome::Partial => exit::PARTIAL,
+        RunOutcome::Failed => exit::FAILED,
+    }
 }
 
 fn code_of(e: &RunError) -> u8 {

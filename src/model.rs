@@ -5,10 +5,14 @@
 //!           └─> RecordingRow ─────────────────────────────┘
 //! ```
 
+mod comparison;
+
 use std::ops::Range;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
+
+pub use comparison::{AgreementRow, Comparison, MeasureRow};
 
 /// A table of numbers held column by column: `n_rows` steps × `n_columns` joints or state dimensions.
 ///

@@ -303,7 +303,7 @@ fn layouts_as_list<S: Serializer>(
 }
 
 /// `env_id`, else the folder of the recording, else its name.
-fn environment_of(episode: &Episode) -> String {
+pub(crate) fn environment_of(episode: &Episode) -> String {
     let recording = &episode.key.recording;
     episode.env_id.as_deref().map_or_else(
         || {

@@ -371,7 +371,7 @@ fn profile_parser() -> impl TypedValueParser<Value = Profile> {
     })
 }
 
-fn joints_parser() -> impl TypedValueParser<Value = JointMode> {
+pub(super) fn joints_parser() -> impl TypedValueParser<Value = JointMode> {
     PossibleValuesParser::new(["each", "together"]).map(|name| {
         if name == "together" {
             JointMode::Together

@@ -1,6 +1,7 @@
 //! What a user types: commands, options, help. No work is done here.
 
 mod bytes;
+mod compare;
 mod extract;
 pub mod inspect;
 mod progress;
@@ -12,6 +13,7 @@ use std::io::Write;
 use clap::{CommandFactory, Parser, Subcommand};
 
 pub use bytes::ByteSize;
+pub use compare::CompareArgs;
 pub use extract::{ExtractArgs, Request, SummaryFormat};
 pub use inspect::InspectArgs;
 pub use progress::ProgressDisplay;
@@ -33,6 +35,8 @@ pub enum Command {
     Extract(Box<ExtractArgs>),
     /// Show topics, fields and rates of recordings, and a command line that reads them
     Inspect(InspectArgs),
+    /// Run the eight measures on the same recordings and show them side by side
+    Compare(Box<CompareArgs>),
     /// Print a completion script for a shell
     Completions {
         /// Which shell

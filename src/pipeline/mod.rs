@@ -9,6 +9,7 @@
 //! round k−1: write  ─┘
 //! ```
 
+mod compare;
 mod config;
 mod identity;
 mod inputs;
@@ -23,6 +24,7 @@ use std::time::Instant;
 
 use anyhow::Context;
 
+pub use compare::{CompareConfig, compare};
 pub use config::{Config, RunError};
 pub use inputs::InputError;
 pub use inspect::{Inspected, inspect};

@@ -6,7 +6,10 @@ use std::path::{Path, PathBuf};
 /// Each module and what it may import from the crate.
 const MAY_IMPORT: &[(&str, &[&str])] = &[
     ("main", &["cli", "pipeline", "summary"]),
-    ("cli", &["pipeline", "extraction", "recording", "model"]),
+    (
+        "cli",
+        &["pipeline", "extraction", "recording", "text", "model"],
+    ),
     (
         "pipeline",
         &[
@@ -18,7 +21,8 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
             "model",
         ],
     ),
-    ("summary", &["model"]),
+    ("summary", &["text", "model"]),
+    ("text", &[]),
     ("recording", &["model"]),
     ("extraction", &["model"]),
     ("tables", &["storage", "model"]),

@@ -15,6 +15,7 @@
 mod alignment;
 mod architecture;
 mod cli;
+mod compare;
 mod corpus;
 mod durability;
 mod events;
