@@ -8,7 +8,8 @@
 //! ```
 //!
 //! Modules in reading order: [`model`] holds the words, [`extraction`] the method, [`recording`] the reader,
-//! [`tables`] the writer, [`summary`] what a run tells at its end, [`pipeline`] joins them, [`cli`] is what a user types.
+//! [`tables`] the writer, [`results`] reads its tables back,
+//! [`summary`] what a run tells at its end, [`pipeline`] joins them, [`cli`] is what a user types.
 
 pub mod model;
 
@@ -17,6 +18,8 @@ pub mod extraction;
 pub mod recording;
 
 pub mod tables;
+
+pub mod results;
 
 pub mod summary;
 

@@ -10,6 +10,7 @@ use serde::{Serialize, Serializer};
 
 use crate::model::{
     Cause, ChosenLayout, Episode, EpisodeStatus, Extraction, JointMode, Outcome, RecordingRow,
+    environment_of,
 };
 
 /// How a run ended.
@@ -201,7 +202,7 @@ impl RunSummary {
                     .push((id, incomplete.reason.clone()));
             }
         }
-        let name = environment_of(episode);
+        let name = environment_of(episode.env_id.as_deref(), &episode.key.recording).to_owned();
         if !self.of_recording.environments.contains(&name) {
             self.of_recording.environments.push(name.clone());
             self.environments
@@ -308,20 +309,6 @@ fn layouts_as_list<S: Serializer>(
         layout,
         n_recordings,
     }))
-}
-
-/// `env_id`, else the folder of the recording, else its name.
-fn environment_of(episode: &Episode) -> String {
-    let recording = &episode.key.recording;
-    episode.env_id.as_deref().map_or_else(
-        || {
-            recording
-                .rsplit_once('/')
-                .map_or(&**recording, |(folder, _)| folder)
-                .to_owned()
-        },
-        ToOwned::to_owned,
-    )
 }
 
 #[cfg(test)]

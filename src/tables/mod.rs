@@ -8,6 +8,7 @@
 //! `schema.rs` is the public interface of the tables: names, types, units.
 
 mod commit;
+mod committed;
 mod directory;
 mod error;
 mod output;
@@ -17,6 +18,7 @@ mod storage;
 mod writer;
 
 pub use commit::{DoneRecording, Mark, OpenRecording};
+pub use committed::Committed;
 pub use directory::{holds_run, remove_temporaries};
 pub use error::TableError;
 pub use output::OutputDirectory;

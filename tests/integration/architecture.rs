@@ -15,6 +15,7 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
     ("recording", &["model"]),
     ("extraction", &["model"]),
     ("tables", &["model"]),
+    ("results", &["tables", "model"]),
     ("model", &[]),
     ("lib", &[]),
 ];
