@@ -8,8 +8,8 @@
 //! ```
 //!
 //! Modules in reading order: [`model`] holds the words, [`extraction`] the method, [`recording`] the reader,
-//! [`tables`] the writer, [`events`] what viewers show, [`summary`] what a run tells at its end, [`pipeline`] joins
-//! them, [`cli`] is what a user types.
+//! [`tables`] the writer, [`events`] what viewers show, [`results`] reads tables back, [`summary`] what a run tells at
+//! its end, [`pipeline`] joins them, [`cli`] is what a user types.
 
 pub mod model;
 
@@ -24,6 +24,8 @@ mod text;
 pub mod tables;
 
 pub mod events;
+
+pub mod results;
 
 pub mod summary;
 

@@ -81,6 +81,15 @@ pub struct EpisodeKey {
     pub episode_id: Option<Arc<str>>,
 }
 
+/// What an episode counts to: its environment, else the folder of its recording, else the recording.
+pub fn environment_of<'a>(env_id: Option<&'a str>, recording: &'a str) -> &'a str {
+    env_id.unwrap_or_else(|| {
+        recording
+            .rsplit_once('/')
+            .map_or(recording, |(folder, _)| folder)
+    })
+}
+
 /// Why an episode is used only in part.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Incomplete {
@@ -237,6 +246,9 @@ impl EpisodeStatus {
         }
     }
 
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Ok, Self::Incomplete, Self::TooShort];
+
     /// As it stands in the table.
     pub fn as_str(self) -> &'static str {
         match self {
@@ -289,6 +301,9 @@ pub enum RecordingStatus {
 }
 
 impl RecordingStatus {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Ok, Self::Recovered, Self::Failed];
+
     /// As it stands in the table.
     pub fn as_str(self) -> &'static str {
         match self {

@@ -9,7 +9,7 @@ use std::time::Duration;
 use serde::{Serialize, Serializer};
 
 use crate::model::{
-    Cause, ChosenLayout, Episode, EpisodeStatus, Extraction, Outcome, RecordingRow,
+    Cause, ChosenLayout, Episode, EpisodeStatus, Extraction, Outcome, RecordingRow, environment_of,
 };
 
 /// How a run ended.
@@ -193,7 +193,7 @@ impl RunSummary {
                     .push((id, incomplete.reason.clone()));
             }
         }
-        let name = environment_of(episode);
+        let name = environment_of(episode.env_id.as_deref(), &episode.key.recording).to_owned();
         if !self.of_recording.environments.contains(&name) {
             self.of_recording.environments.push(name.clone());
             self.environments
@@ -300,20 +300,6 @@ fn layouts_as_list<S: Serializer>(
         layout,
         n_recordings,
     }))
-}
-
-/// `env_id`, else the folder of the recording, else its name.
-pub(crate) fn environment_of(episode: &Episode) -> String {
-    let recording = &episode.key.recording;
-    episode.env_id.as_deref().map_or_else(
-        || {
-            recording
-                .rsplit_once('/')
-                .map_or(&**recording, |(folder, _)| folder)
-                .to_owned()
-        },
-        ToOwned::to_owned,
-    )
 }
 
 #[cfg(test)]

@@ -19,9 +19,9 @@ use super::resume;
 use super::source::{Event, Round, Source};
 use super::{Interrupt, Progress};
 use crate::extraction::{self, ExtractionParams};
-use crate::model::{AgreementRow, Comparison, Episode, MeasureRow, Outcome};
+use crate::model::{AgreementRow, Comparison, Episode, MeasureRow, Outcome, environment_of};
 use crate::recording::ReadOptions;
-use crate::summary::{RunSummary, environment_of};
+use crate::summary::RunSummary;
 use crate::tables;
 use agreement::boundaries;
 
@@ -122,8 +122,11 @@ fn measure(
     let mut by_environment: BTreeMap<String, Vec<&Episode>> = BTreeMap::new();
     for event in &round.events {
         if let Event::Episode(_, episode) = event {
-            let name = environment_of(episode);
-            by_environment.entry(name).or_default().push(episode);
+            let name = environment_of(episode.env_id.as_deref(), &episode.key.recording);
+            by_environment
+                .entry(name.to_owned())
+                .or_default()
+                .push(episode);
             progress.n_steps += episode.n_steps() as u64;
             progress.n_episodes += 1;
         }

@@ -163,15 +163,34 @@ pub(super) fn read_commits(
     directory: &Path,
     shard: u32,
 ) -> Result<BTreeMap<u32, Commit>, TableError> {
+    read_commits_where(directory, |of_shard| of_shard == shard).map(|commits| {
+        commits
+            .into_iter()
+            .map(|((_, number), commit)| (number, commit))
+            .collect()
+    })
+}
+
+/// All commits, by shard and number.
+pub(super) fn read_all_commits(
+    directory: &Path,
+) -> Result<BTreeMap<(u32, u32), Commit>, TableError> {
+    read_commits_where(directory, |_| true)
+}
+
+fn read_commits_where(
+    directory: &Path,
+    is_wanted: impl Fn(u32) -> bool,
+) -> Result<BTreeMap<(u32, u32), Commit>, TableError> {
     let folder = commits_folder(directory);
     let mut commits = BTreeMap::new();
     for path in super::directory::names_in(&folder)? {
         let name = path.file_name().and_then(|n| n.to_str());
-        if let Some((of_shard, number)) = name.and_then(parse_commit_name)
-            && of_shard == shard
+        if let Some((shard, number)) = name.and_then(parse_commit_name)
+            && is_wanted(shard)
             && let Some(commit) = read(&path)?
         {
-            commits.insert(number, commit);
+            commits.insert((shard, number), commit);
         }
     }
     Ok(commits)

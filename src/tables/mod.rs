@@ -8,6 +8,7 @@
 //! `schema.rs` is the public interface of the tables: names, types, units.
 
 mod commit;
+mod committed;
 mod comparison;
 mod directory;
 mod error;
@@ -18,6 +19,7 @@ mod writer;
 
 pub use crate::storage::{Faults, StorageError};
 pub use commit::{DoneRecording, Mark, OpenRecording};
+pub use committed::Committed;
 pub use comparison::write_comparison;
 pub use directory::{holds_run, remove_temporaries};
 pub use error::TableError;

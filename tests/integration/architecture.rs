@@ -28,6 +28,7 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
     ("tables", &["storage", "model"]),
     ("events", &["storage", "model"]),
     ("storage", &[]),
+    ("results", &["tables", "model"]),
     ("model", &[]),
     ("lib", &[]),
 ];

@@ -26,5 +26,6 @@ mod hostile_files;
 mod hostile_runs;
 mod layouts;
 mod recording;
+mod results;
 mod support;
 mod tables;
