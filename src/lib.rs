@@ -8,7 +8,7 @@
 //! ```
 //!
 //! Modules in reading order: [`model`] holds the words, [`extraction`] the method, [`recording`] the reader,
-//! [`tables`] the writer, [`events`] what viewers show, [`results`] reads tables back, [`summary`] what a run tells at
+//! [`tables`] the writer, [`events`] what viewers show, [`results`] reads tables back, [`diff`] holds two runs against each other, [`summary`] what a run tells at
 //! its end, [`pipeline`] joins them, [`cli`] is what a user types.
 
 pub mod model;
@@ -26,6 +26,8 @@ pub mod tables;
 pub mod events;
 
 pub mod results;
+
+pub mod diff;
 
 pub mod summary;
 

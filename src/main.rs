@@ -6,7 +6,9 @@ use std::sync::Arc;
 
 use clap::Parser;
 use coact::cli::{self, Cli, Command, ProgressDisplay, Request, Signals, SummaryFormat, exit};
+use coact::diff;
 use coact::pipeline::{self, Interrupt, RunError};
+use coact::results::{Results, ResultsError};
 use coact::summary::RunOutcome;
 
 fn main() -> ExitCode {
@@ -14,6 +16,7 @@ fn main() -> ExitCode {
         Command::Extract(args) => extract(*args),
         Command::Inspect(args) => inspect(&args),
         Command::Compare(args) => compare(&args),
+        Command::Diff(args) => diff(&args),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             cli::completions(shell, &mut script);
@@ -97,6 +100,33 @@ fn compare(args: &cli::CompareArgs) -> u8 {
         return fail("no episode came out", code);
     }
     print(args.print(&comparison).as_bytes(), code)
+}
+
+fn diff(args: &cli::DiffArgs) -> u8 {
+    let differ = || -> Result<_, ResultsError> {
+        let (a, b) = (Results::open(&args.a)?, Results::open(&args.b)?);
+        for results in [&a, &b].into_iter().filter(|r| !r.is_finished()) {
+            let directory = results.directory().display();
+            tell(&format!("coact: the run in {directory} is not finished\n"));
+        }
+        diff::diff(&a, &b, args.options())
+    };
+    match differ() {
+        Ok(found) => {
+            let text = if args.json {
+                found.to_json() + "\n"
+            } else {
+                found.to_text()
+            };
+            let code = if found.is_different {
+                exit::DIFFERENT
+            } else {
+                exit::DONE
+            };
+            print(text.as_bytes(), code)
+        }
+        Err(e) => fail(&e.to_string(), exit::USAGE),
+    }
 }
 
 fn code_of_outcome(outcome: RunOutcome) -> u8 {

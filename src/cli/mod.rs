@@ -2,6 +2,7 @@
 
 mod bytes;
 mod compare;
+mod diff;
 mod extract;
 pub mod inspect;
 mod progress;
@@ -14,6 +15,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 
 pub use bytes::ByteSize;
 pub use compare::CompareArgs;
+pub use diff::DiffArgs;
 pub use extract::{ExtractArgs, Request, SummaryFormat};
 pub use inspect::InspectArgs;
 pub use progress::ProgressDisplay;
@@ -37,6 +39,8 @@ pub enum Command {
     Inspect(InspectArgs),
     /// Run the eight measures on the same recordings and show them side by side
     Compare(Box<CompareArgs>),
+    /// Show what differs between the results of two runs
+    Diff(DiffArgs),
     /// Print a completion script for a shell
     Completions {
         /// Which shell
@@ -55,6 +59,8 @@ pub mod exit {
     pub const DONE: u8 = 0;
     /// No episode came out, or the output cannot be written.
     pub const FAILED: u8 = 1;
+    /// `coact diff`: something differs.
+    pub const DIFFERENT: u8 = 1;
     /// Bad arguments.
     pub const USAGE: u8 = 2;
     /// Done, but something was refused, recovered or incomplete.

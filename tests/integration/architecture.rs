@@ -5,10 +5,17 @@ use std::path::{Path, PathBuf};
 
 /// Each module and what it may import from the crate.
 const MAY_IMPORT: &[(&str, &[&str])] = &[
-    ("main", &["cli", "pipeline", "summary"]),
+    ("main", &["cli", "pipeline", "results", "diff", "summary"]),
     (
         "cli",
-        &["pipeline", "extraction", "recording", "text", "model"],
+        &[
+            "pipeline",
+            "extraction",
+            "recording",
+            "diff",
+            "text",
+            "model",
+        ],
     ),
     (
         "pipeline",
@@ -29,6 +36,7 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
     ("events", &["storage", "model"]),
     ("storage", &[]),
     ("results", &["tables", "model"]),
+    ("diff", &["results", "text", "model"]),
     ("model", &[]),
     ("lib", &[]),
 ];

@@ -17,6 +17,7 @@ mod architecture;
 mod cli;
 mod compare;
 mod corpus;
+mod diff;
 mod durability;
 mod events;
 mod extraction_golden;
