@@ -8,7 +8,7 @@
 //! ```
 //!
 //! Modules in reading order: [`model`] holds the words, [`extraction`] the method, [`recording`] the reader,
-//! [`tables`] the writer, [`results`] reads its tables back,
+//! [`tables`] the writer, [`results`] reads its tables back, [`report`] shows them,
 //! [`summary`] what a run tells at its end, [`pipeline`] joins them, [`cli`] is what a user types.
 
 pub mod model;
@@ -20,6 +20,8 @@ pub mod recording;
 pub mod tables;
 
 pub mod results;
+
+pub mod report;
 
 pub mod summary;
 

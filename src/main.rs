@@ -7,12 +7,14 @@ use std::sync::Arc;
 use clap::Parser;
 use coact::cli::{self, Cli, Command, ProgressDisplay, Request, Signals, SummaryFormat, exit};
 use coact::pipeline::{self, Interrupt, RunError};
+use coact::results::Results;
 use coact::summary::RunOutcome;
 
 fn main() -> ExitCode {
     let code = match Cli::parse().command {
         Command::Extract(args) => extract(*args),
         Command::Inspect(args) => inspect(&args),
+        Command::Report(args) => report(&args),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             cli::completions(shell, &mut script);
@@ -77,6 +79,20 @@ fn inspect(args: &cli::InspectArgs) -> u8 {
         cli::inspect::to_text(&inspected)
     };
     print(text.as_bytes(), cli::inspect::exit_code(&inspected))
+}
+
+fn report(args: &cli::ReportArgs) -> u8 {
+    let results = match Results::open(&args.directory) {
+        Ok(results) => results,
+        Err(e) => return fail(&e.to_string(), exit::FAILED),
+    };
+    if !results.is_finished() {
+        tell("coact: the run is not finished: the report shows what is committed so far\n");
+    }
+    match coact::report::write(&results, &args.options()) {
+        Ok(report) => print(args.told(&report).as_bytes(), exit::DONE),
+        Err(e) => fail(&e.to_string(), cli::report::exit_code(&e)),
+    }
 }
 
 fn code_of(e: &RunError) -> u8 {

@@ -4,6 +4,7 @@ mod bytes;
 mod extract;
 pub mod inspect;
 mod progress;
+pub mod report;
 mod signals;
 
 use std::io::Write;
@@ -14,6 +15,7 @@ pub use bytes::ByteSize;
 pub use extract::{ExtractArgs, Request, SummaryFormat};
 pub use inspect::InspectArgs;
 pub use progress::ProgressDisplay;
+pub use report::ReportArgs;
 pub use signals::Signals;
 
 /// Finds composite actions in recordings of agents.
@@ -32,6 +34,8 @@ pub enum Command {
     Extract(Box<ExtractArgs>),
     /// Show topics, fields and rates of recordings, and a command line that reads them
     Inspect(InspectArgs),
+    /// Write one self-contained HTML page, and figures, from an output directory
+    Report(ReportArgs),
     /// Print a completion script for a shell
     Completions {
         /// Which shell

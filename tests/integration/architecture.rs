@@ -5,8 +5,18 @@ use std::path::{Path, PathBuf};
 
 /// Each module and what it may import from the crate.
 const MAY_IMPORT: &[(&str, &[&str])] = &[
-    ("main", &["cli", "pipeline", "summary"]),
-    ("cli", &["pipeline", "extraction", "recording", "model"]),
+    ("main", &["cli", "pipeline", "results", "report", "summary"]),
+    (
+        "cli",
+        &[
+            "pipeline",
+            "results",
+            "report",
+            "extraction",
+            "recording",
+            "model",
+        ],
+    ),
     (
         "pipeline",
         &["recording", "extraction", "tables", "summary", "model"],
@@ -16,6 +26,7 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
     ("extraction", &["model"]),
     ("tables", &["model"]),
     ("results", &["tables", "model"]),
+    ("report", &["results", "model"]),
     ("model", &[]),
     ("lib", &[]),
 ];
