@@ -17,6 +17,7 @@ fn main() -> ExitCode {
         Command::Inspect(args) => inspect(&args),
         Command::Compare(args) => compare(&args),
         Command::Diff(args) => diff(&args),
+        Command::Report(args) => report(&args),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             cli::completions(shell, &mut script);
@@ -134,6 +135,20 @@ fn code_of_outcome(outcome: RunOutcome) -> u8 {
         RunOutcome::Done => exit::DONE,
         RunOutcome::Partial => exit::PARTIAL,
         RunOutcome::Failed => exit::FAILED,
+    }
+}
+
+fn report(args: &cli::ReportArgs) -> u8 {
+    let results = match Results::open(&args.directory) {
+        Ok(results) => results,
+        Err(e) => return fail(&e.to_string(), exit::FAILED),
+    };
+    if !results.is_finished() {
+        tell("coact: the run is not finished: the report shows what is committed so far\n");
+    }
+    match coact::report::write(&results, &args.options()) {
+        Ok(report) => print(args.told(&report).as_bytes(), exit::DONE),
+        Err(e) => fail(&e.to_string(), cli::report::exit_code(&e)),
     }
 }
 

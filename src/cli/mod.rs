@@ -7,6 +7,7 @@ mod extract;
 pub mod inspect;
 mod progress;
 mod reading;
+pub mod report;
 mod signals;
 
 use std::io::Write;
@@ -19,6 +20,7 @@ pub use diff::DiffArgs;
 pub use extract::{ExtractArgs, Request, SummaryFormat};
 pub use inspect::InspectArgs;
 pub use progress::ProgressDisplay;
+pub use report::ReportArgs;
 pub use signals::Signals;
 
 /// Finds composite actions in recordings of agents.
@@ -41,6 +43,8 @@ pub enum Command {
     Compare(Box<CompareArgs>),
     /// Show what differs between the results of two runs
     Diff(DiffArgs),
+    /// Write one self-contained HTML page, and figures, from an output directory
+    Report(ReportArgs),
     /// Print a completion script for a shell
     Completions {
         /// Which shell

@@ -27,6 +27,7 @@ mod iter;
 mod open;
 mod parameters;
 mod part;
+mod query;
 mod rows;
 mod steps;
 
@@ -34,5 +35,6 @@ pub use error::ResultsError;
 pub use iter::RowIter;
 pub use open::Results;
 pub use parameters::Parameters;
+pub use query::EpisodeQuery;
 pub use rows::{CauseRow, EpisodeRow, RecordingRow, SegmentRow};
 pub use steps::{EpisodeSteps, JointSteps, StepsReader};

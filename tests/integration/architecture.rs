@@ -5,14 +5,19 @@ use std::path::{Path, PathBuf};
 
 /// Each module and what it may import from the crate.
 const MAY_IMPORT: &[(&str, &[&str])] = &[
-    ("main", &["cli", "pipeline", "results", "diff", "summary"]),
+    (
+        "main",
+        &["cli", "pipeline", "results", "diff", "report", "summary"],
+    ),
     (
         "cli",
         &[
             "pipeline",
             "extraction",
             "recording",
+            "results",
             "diff",
+            "report",
             "text",
             "model",
         ],
@@ -37,6 +42,7 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
     ("storage", &[]),
     ("results", &["tables", "model"]),
     ("diff", &["results", "text", "model"]),
+    ("report", &["results", "model"]),
     ("model", &[]),
     ("lib", &[]),
 ];
