@@ -8,8 +8,8 @@
 //! ```
 //!
 //! Modules in reading order: [`model`] holds the words, [`extraction`] the method, [`recording`] the reader,
-//! [`tables`] the writer, [`events`] what viewers show, [`results`] reads tables back, [`diff`] and [`report`] make
-//! something of them, [`summary`] what a run tells at its end, [`pipeline`] joins them, [`cli`] is what a user types.
+//! [`tables`] the writer, [`events`] what viewers show, [`results`] reads tables back for [`show`], [`diff`] and
+//! [`report`], [`summary`] is what a run tells at its end, [`pipeline`] joins them, [`cli`] is what a user types.
 
 pub mod model;
 
@@ -26,6 +26,8 @@ pub mod tables;
 pub mod events;
 
 pub mod results;
+
+pub mod show;
 
 pub mod diff;
 

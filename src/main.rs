@@ -9,6 +9,7 @@ use coact::cli::{self, Cli, Command, ProgressDisplay, Request, Signals, SummaryF
 use coact::diff;
 use coact::pipeline::{self, Interrupt, RunError};
 use coact::results::{Results, ResultsError};
+use coact::show;
 use coact::summary::RunOutcome;
 
 fn main() -> ExitCode {
@@ -16,6 +17,7 @@ fn main() -> ExitCode {
         Command::Extract(args) => extract(*args),
         Command::Inspect(args) => inspect(&args),
         Command::Compare(args) => compare(&args),
+        Command::Show(args) => show(&args),
         Command::Diff(args) => diff(&args),
         Command::Report(args) => report(&args),
         Command::Completions { shell } => {
@@ -103,6 +105,33 @@ fn compare(args: &cli::CompareArgs) -> u8 {
     print(args.print(&comparison).as_bytes(), code)
 }
 
+fn show(args: &cli::ShowArgs) -> u8 {
+    let options = match args.options() {
+        Ok(options) => options,
+        Err(message) => return fail(&message, exit::USAGE),
+    };
+    let results = match Results::open(&args.directory) {
+        Ok(results) => results,
+        Err(e) => return fail(&e.to_string(), exit::FAILED),
+    };
+    let query = args.query();
+    let mut is_any = false;
+    for piece in show::pieces(&results, query.as_ref(), options) {
+        match piece.map(|text| write(text.as_bytes())) {
+            Ok(Ok(())) => is_any = true,
+            Ok(Err(e)) => return unwritten(&e, exit::DONE),
+            Err(e) => return fail(&e.to_string(), exit::FAILED),
+        }
+    }
+    match query {
+        Some(query) if !is_any => fail(
+            &format!("no episode is called {:?}", query.as_str()),
+            exit::USAGE,
+        ),
+        _ => exit::DONE,
+    }
+}
+
 fn diff(args: &cli::DiffArgs) -> u8 {
     let differ = || -> Result<_, ResultsError> {
         let (a, b) = (Results::open(&args.a)?, Results::open(&args.b)?);
@@ -159,15 +188,22 @@ fn code_of(e: &RunError) -> u8 {
     }
 }
 
-/// Writes a result to stdout; `code` if that worked. That nobody reads on is no failure.
+/// Writes a result to stdout; `code` if that worked.
 fn print(result: &[u8], code: u8) -> u8 {
+    write(result).map_or_else(|e| unwritten(&e, code), |()| code)
+}
+
+fn write(result: &[u8]) -> io::Result<()> {
     let mut stdout = io::stdout().lock();
-    match stdout.write_all(result).and_then(|()| stdout.flush()) {
-        Err(e) if e.kind() != io::ErrorKind::BrokenPipe => {
-            fail(&format!("cannot write to stdout: {e}"), exit::FAILED)
-        }
-        _ => code,
+    stdout.write_all(result).and_then(|()| stdout.flush())
+}
+
+/// The exit code where stdout cannot be written. That nobody reads on is no failure.
+fn unwritten(e: &io::Error, code: u8) -> u8 {
+    if e.kind() == io::ErrorKind::BrokenPipe {
+        return code;
     }
+    fail(&format!("cannot write to stdout: {e}"), exit::FAILED)
 }
 
 /// Writes a diagnostic to stderr; where that is closed there is no one left to tell.

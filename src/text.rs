@@ -32,10 +32,16 @@ pub(crate) fn aligned<R: AsRef<[String]>>(text: &mut String, sides: &[Side], row
     }
 }
 
-/// A line and its end.
+/// A line and its end. Names come from recordings: what would steer a terminal does not get there.
 pub(crate) fn line(text: &mut String, content: &str) {
-    text.push_str(content);
+    text.push_str(&printable(content));
     text.push('\n');
+}
+
+/// Text without control characters.
+pub(crate) fn printable(text: &str) -> String {
+    let visible = |c: char| if c.is_control() { '\u{fffd}' } else { c };
+    text.chars().map(visible).collect()
 }
 
 /// `1 step`, `1,234 steps`.

@@ -226,12 +226,13 @@ fn matrix(text: &mut String, comparison: &Comparison, is_one_profile: bool) {
     let n_environments = rows.len() / measures.len();
     let steps = comparison.tolerance_steps;
     let mut title = format!(
-        "\nagreement: F1 of boundaries within {steps} {}",
+        "agreement: F1 of boundaries within {steps} {}",
         plural(steps as u64, "step")
     );
     if n_environments > 1 {
         let _infallible = write!(title, ", mean of {n_environments} environments");
     }
+    text.push('\n');
     line(text, &title);
     let short = |name: &str| name.parse().map_or("", Measure::short_name).to_owned();
     let mut header = vec![String::new()];

@@ -8,6 +8,7 @@ pub mod inspect;
 mod progress;
 mod reading;
 pub mod report;
+mod show;
 mod signals;
 
 use std::io::Write;
@@ -21,6 +22,7 @@ pub use extract::{ExtractArgs, Request, SummaryFormat};
 pub use inspect::InspectArgs;
 pub use progress::ProgressDisplay;
 pub use report::ReportArgs;
+pub use show::ShowArgs;
 pub use signals::Signals;
 
 /// Finds composite actions in recordings of agents.
@@ -41,6 +43,8 @@ pub enum Command {
     Inspect(InspectArgs),
     /// Run the eight measures on the same recordings and show them side by side
     Compare(Box<CompareArgs>),
+    /// Show episodes as strips in the terminal: actions, masks, composite actions
+    Show(ShowArgs),
     /// Show what differs between the results of two runs
     Diff(DiffArgs),
     /// Write one self-contained HTML page, and figures, from an output directory

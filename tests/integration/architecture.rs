@@ -7,7 +7,9 @@ use std::path::{Path, PathBuf};
 const MAY_IMPORT: &[(&str, &[&str])] = &[
     (
         "main",
-        &["cli", "pipeline", "results", "diff", "report", "summary"],
+        &[
+            "cli", "pipeline", "results", "show", "diff", "report", "summary",
+        ],
     ),
     (
         "cli",
@@ -16,6 +18,7 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
             "extraction",
             "recording",
             "results",
+            "show",
             "diff",
             "report",
             "text",
@@ -41,6 +44,7 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
     ("events", &["storage", "model"]),
     ("storage", &[]),
     ("results", &["tables", "model"]),
+    ("show", &["results", "text", "model"]),
     ("diff", &["results", "text", "model"]),
     ("report", &["results", "model"]),
     ("model", &[]),

@@ -28,5 +28,6 @@ mod hostile_runs;
 mod layouts;
 mod recording;
 mod results;
+mod show;
 mod support;
 mod tables;
