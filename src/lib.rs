@@ -8,7 +8,8 @@
 //! ```
 //!
 //! Modules in reading order: [`model`] holds the words, [`extraction`] the method, [`recording`] the reader,
-//! [`tables`] the writer, [`report`] the closing summary, [`pipeline`] joins them, [`cli`] is what a user types.
+//! [`tables`] the writer, [`events`] what viewers show, [`results`] reads tables back for [`show`], [`diff`] and
+//! [`report`], [`summary`] is what a run tells at its end, [`pipeline`] joins them, [`cli`] is what a user types.
 
 pub mod model;
 
@@ -16,9 +17,23 @@ pub mod extraction;
 
 pub mod recording;
 
+mod storage;
+
+mod text;
+
 pub mod tables;
 
+pub mod events;
+
+pub mod results;
+
+pub mod show;
+
+pub mod diff;
+
 pub mod report;
+
+pub mod summary;
 
 pub mod pipeline;
 

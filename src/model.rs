@@ -5,9 +5,14 @@
 //!           └─> RecordingRow ─────────────────────────────┘
 //! ```
 
+mod comparison;
+
+use std::ops::Range;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
+
+pub use comparison::{AgreementRow, Comparison, MeasureRow};
 
 /// A table of numbers held column by column: `n_rows` steps × `n_columns` joints or state dimensions.
 ///
@@ -76,6 +81,15 @@ pub struct EpisodeKey {
     pub episode_id: Option<Arc<str>>,
 }
 
+/// What an episode counts to: its environment, else the folder of its recording, else the recording.
+pub fn environment_of<'a>(env_id: Option<&'a str>, recording: &'a str) -> &'a str {
+    env_id.unwrap_or_else(|| {
+        recording
+            .rsplit_once('/')
+            .map_or(recording, |(folder, _)| folder)
+    })
+}
+
 /// Why an episode is used only in part.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Incomplete {
@@ -110,6 +124,21 @@ impl Episode {
     /// Number of steps used, `T`.
     pub fn n_steps(&self) -> usize {
         self.actions.n_rows()
+    }
+
+    /// Name of a joint, if it is known and joints are taken each on its own.
+    pub fn joint_name(&self, mode: JointMode, index: usize) -> Option<&Arc<str>> {
+        match mode {
+            JointMode::Each => self.joint_names.as_ref()?.get(index),
+            JointMode::Together => None,
+        }
+    }
+
+    /// The sum of rewards over some steps, if every one of them has one.
+    pub fn reward_sum(&self, steps: Range<usize>) -> Option<f64> {
+        let rewards = &self.rewards.as_ref()?[steps];
+        let sum = rewards.iter().fold(0.0, |sum, r| sum + r);
+        (!rewards.is_empty() && !sum.is_nan()).then_some(sum)
     }
 }
 
@@ -163,6 +192,16 @@ pub enum JointMode {
     Together,
 }
 
+impl JointMode {
+    /// What a joint is called in tables: its index, −1 for all together.
+    pub fn joint_number(self, index: usize) -> i32 {
+        match self {
+            Self::Each => i32::try_from(index).unwrap_or(i32::MAX),
+            Self::Together => -1,
+        }
+    }
+}
+
 /// All that the method finds in one episode.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Extraction {
@@ -206,6 +245,9 @@ impl EpisodeStatus {
             (None, Outcome::Extracted(_)) => Self::Ok,
         }
     }
+
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Ok, Self::Incomplete, Self::TooShort];
 
     /// As it stands in the table.
     pub fn as_str(self) -> &'static str {
@@ -259,6 +301,9 @@ pub enum RecordingStatus {
 }
 
 impl RecordingStatus {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Ok, Self::Recovered, Self::Failed];
+
     /// As it stands in the table.
     pub fn as_str(self) -> &'static str {
         match self {

@@ -1,9 +1,14 @@
 //! What a user types: commands, options, help. No work is done here.
 
 mod bytes;
+mod compare;
+mod diff;
 mod extract;
 pub mod inspect;
 mod progress;
+mod reading;
+pub mod report;
+mod show;
 mod signals;
 
 use std::io::Write;
@@ -11,9 +16,13 @@ use std::io::Write;
 use clap::{CommandFactory, Parser, Subcommand};
 
 pub use bytes::ByteSize;
+pub use compare::CompareArgs;
+pub use diff::DiffArgs;
 pub use extract::{ExtractArgs, Request, SummaryFormat};
 pub use inspect::InspectArgs;
 pub use progress::ProgressDisplay;
+pub use report::ReportArgs;
+pub use show::ShowArgs;
 pub use signals::Signals;
 
 /// Finds composite actions in recordings of agents.
@@ -32,6 +41,14 @@ pub enum Command {
     Extract(Box<ExtractArgs>),
     /// Show topics, fields and rates of recordings, and a command line that reads them
     Inspect(InspectArgs),
+    /// Run the eight measures on the same recordings and show them side by side
+    Compare(Box<CompareArgs>),
+    /// Show episodes as strips in the terminal: actions, masks, composite actions
+    Show(ShowArgs),
+    /// Show what differs between the results of two runs
+    Diff(DiffArgs),
+    /// Write one self-contained HTML page, and figures, from an output directory
+    Report(ReportArgs),
     /// Print a completion script for a shell
     Completions {
         /// Which shell
@@ -50,6 +67,8 @@ pub mod exit {
     pub const DONE: u8 = 0;
     /// No episode came out, or the output cannot be written.
     pub const FAILED: u8 = 1;
+    /// `coact diff`: something differs.
+    pub const DIFFERENT: u8 = 1;
     /// Bad arguments.
     pub const USAGE: u8 = 2;
     /// Done, but something was refused, recovered or incomplete.

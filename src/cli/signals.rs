@@ -20,13 +20,21 @@ pub struct Signals {
 
 impl Signals {
     /// Raises `interrupt` on the first signal. A run that does not stop in time is ended;
-    /// temporary files in `output` are removed before.
-    pub fn watch(interrupt: &Arc<Interrupt>, output: Option<PathBuf>) -> Self {
+    /// temporary files in the folders of tables and of events are removed before.
+    pub fn watch(
+        interrupt: &Arc<Interrupt>,
+        output: Option<PathBuf>,
+        events: Option<PathBuf>,
+    ) -> Self {
         let received = Arc::new(AtomicI32::new(0));
         #[cfg(unix)]
-        unix::watch(Arc::clone(interrupt), output, Arc::clone(&received));
+        unix::watch(
+            Arc::clone(interrupt),
+            (output, events),
+            Arc::clone(&received),
+        );
         #[cfg(not(unix))]
-        let _ = (interrupt, output);
+        let _ = (interrupt, output, events);
         Self { received }
     }
 
@@ -49,11 +57,10 @@ mod unix {
     use signal_hook::consts::{SIGINT, SIGTERM, SIGXFSZ};
     use signal_hook::iterator::Signals as SignalStream;
 
-    pub(super) fn watch(
-        interrupt: Arc<Interrupt>,
-        output: Option<PathBuf>,
-        received: Arc<AtomicI32>,
-    ) {
+    /// Of tables and of events.
+    type Folders = (Option<PathBuf>, Option<PathBuf>);
+
+    pub(super) fn watch(interrupt: Arc<Interrupt>, folders: Folders, received: Arc<AtomicI32>) {
         // Without a handler a signal ends the process at once; the next run then clears up.
         limit_is_an_error();
         let Ok(mut signals) = SignalStream::new([SIGINT, SIGTERM]) else {
@@ -66,7 +73,7 @@ mod unix {
             received.store(signal, Ordering::Relaxed);
             interrupt.raise();
             std::thread::sleep(PATIENCE);
-            end(signal, output);
+            end(signal, &folders);
         });
     }
 
@@ -78,10 +85,8 @@ mod unix {
     }
 
     #[expect(clippy::exit, reason = "the run did not stop in time")]
-    fn end(signal: i32, output: Option<PathBuf>) {
-        if let Some(output) = output {
-            remove_temporaries(&output);
-        }
+    fn end(signal: i32, (output, events): &Folders) {
+        remove_temporaries(output.as_deref(), events.as_deref());
         std::process::exit(i32::from(code(signal)));
     }
 }

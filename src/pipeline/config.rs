@@ -6,6 +6,7 @@ use std::sync::Arc;
 use thiserror::Error;
 
 use super::inputs::InputError;
+use crate::events::{EventsError, EventsOptions};
 use crate::extraction::ExtractionParams;
 use crate::recording::ReadOptions;
 use crate::tables::{Faults, TableError};
@@ -17,6 +18,8 @@ pub struct Config {
     pub inputs: Vec<PathBuf>,
     /// Where the tables go; `None` reads and checks everything and writes nothing.
     pub output: Option<PathBuf>,
+    /// Where events files go, if they are wanted.
+    pub events: Option<PathBuf>,
     /// The method's parameters.
     pub params: ExtractionParams,
     /// How recordings are read.
@@ -42,6 +45,18 @@ impl Config {
             .iter()
             .map(|(key, value)| (format!("coact.{key}"), value.clone()))
             .collect()
+    }
+
+    /// How events are written; `None` if they are not wanted.
+    pub(crate) fn events(&self) -> Option<EventsOptions> {
+        let mut metadata = self.metadata();
+        // Events are the same with and without the per-step table.
+        metadata.retain(|(key, _)| key != "coact.steps");
+        Some(EventsOptions {
+            directory: self.events.clone()?,
+            metadata,
+            faults: self.faults.clone(),
+        })
     }
 }
 
@@ -74,5 +89,11 @@ impl From<TableError> for RunError {
             TableError::AnotherRun { .. } => Self::Arguments(e.to_string()),
             e => Self::Failed(e.into()),
         }
+    }
+}
+
+impl From<EventsError> for RunError {
+    fn from(e: EventsError) -> Self {
+        Self::Failed(e.into())
     }
 }

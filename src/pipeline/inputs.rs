@@ -8,6 +8,7 @@ use std::sync::Arc;
 
 use thiserror::Error;
 
+use crate::events::is_events_file;
 use crate::recording::{ROSBAG2_METADATA, rosbag2_files};
 
 /// One recording to be read, or why it cannot be.
@@ -147,6 +148,7 @@ impl Found {
                         named_like_recordings.push(entry.into_path());
                     }
                 }
+                Ok(entry) if is_events_file(entry.path()) => {}
                 Ok(entry) if is_recording(entry.file_name()) => self.file(entry.path(), None),
                 Ok(_) => {}
                 // A link that loops or leads nowhere matters only where a recording was to be expected.
@@ -180,6 +182,7 @@ impl Found {
         for path in paths {
             match path {
                 Ok(path) if path.is_dir() => self.folder(&path),
+                Ok(path) if is_events_file(&path) => {}
                 Ok(path) => self.file(&path, None),
                 Err(e) => self.file(e.path(), Some(format!("cannot be read: {}", e.error()))),
             }

@@ -9,36 +9,35 @@
 //! round k−1: write  ─┘
 //! ```
 
+mod compare;
 mod config;
 mod identity;
 mod inputs;
 mod inspect;
 mod resume;
+mod round;
 mod source;
 
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use anyhow::Context;
-use rayon::prelude::*;
 
+pub use compare::{CompareConfig, compare};
 pub use config::{Config, RunError};
 pub use inputs::InputError;
 pub use inspect::{Inspected, inspect};
 
-pub use crate::tables::{DEFAULT_MAX_PART_ROWS, remove_temporaries};
+pub use crate::tables::DEFAULT_MAX_PART_ROWS;
 
-use crate::extraction::{self, ExtractionParams};
-use crate::model::{Episode, Outcome, RecordingIdentity, RecordingRow};
-use crate::report::{RunOutcome, RunSummary};
-use crate::tables::{
-    Batches, DoneRecording, Mark, OutputDirectory, RowsBuilder, TableError, TableOptions,
-    TableWriter,
-};
+use crate::events::{self, EventsWriter};
+use crate::summary::{RunOutcome, RunSummary};
+use crate::tables::{self, OutputDirectory, TableOptions, TableWriter};
 use inputs::Input;
-use source::{Event, Job, Round, Source};
+use resume::InTables;
+use round::Extracted;
+use source::{Job, Round, Source};
 
 /// How far a run is, for a progress display.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -56,9 +55,6 @@ pub struct Progress {
     /// Bytes of input in all.
     pub bytes_total: u64,
 }
-
-/// Step rows that are made into one batch: enough for the writer to work on whole columns.
-const BATCH_ROWS: usize = 64 << 10;
 
 /// Asks a run to stop, from another thread.
 #[derive(Debug, Default)]
@@ -97,7 +93,19 @@ pub fn run(
         }
         let jobs = resume::all(&inputs);
         let mut summary = RunSummary::default();
-        stages(config, &jobs, None, &mut summary, on_progress, interrupt)?;
+        let mut outputs = Outputs {
+            tables: None,
+            events: events_writer(config, &inputs),
+            in_tables: InTables::default(),
+        };
+        stages(
+            config,
+            &jobs,
+            &mut outputs,
+            &mut summary,
+            on_progress,
+            interrupt,
+        )?;
         Ok(summary)
     })?;
     summary.set_elapsed(started.elapsed());
@@ -120,27 +128,42 @@ fn written(
         ..TableOptions::default()
     };
     let mut directory = OutputDirectory::open(output, &options, config.overwrite)?;
-    let resume::Work { jobs, before } = resume::work(inputs, &mut directory)?;
+    let mut work = resume::work(inputs, &mut directory)?;
     let mut summary = RunSummary::default();
-    for done in &before {
+    for done in &work.before {
         summary.add_done_before(done.n_episodes, done.clean);
     }
-    for job in &jobs {
+    for job in &work.jobs {
         summary.add_begun_before(job.n_written);
     }
-    if jobs.is_empty() && directory.is_complete() {
-        return Ok(summary);
-    }
-    let mut writer = directory.writer()?;
-    let sync_time = writer.sync_time();
+    let events = events_writer(config, inputs);
+    let in_tables = events.as_ref().map_or_else(InTables::default, |events| {
+        InTables::for_events(&mut work, inputs, events)
+    });
+    // Held until all is done: the directory, whole as it is, or its writer.
+    let (locked, tables) = if directory.is_complete() && in_tables.have_all(&work.jobs) {
+        (Some(directory), None)
+    } else {
+        (None, Some(directory.writer()?))
+    };
+    let mut outputs = Outputs {
+        tables,
+        events,
+        in_tables,
+    };
     let stages = stages(
         config,
-        &jobs,
-        Some(&mut writer),
+        &work.jobs,
+        &mut outputs,
         &mut summary,
         on_progress,
         interrupt,
     );
+    drop(locked);
+    let Some(mut writer) = outputs.tables else {
+        return stages.map(|()| summary);
+    };
+    let sync_time = writer.sync_time();
     if matches!(stages, Err(RunError::Interrupted)) {
         // What is in hand is whole up to the last episode.
         writer.commit()?;
@@ -155,11 +178,34 @@ fn written(
     Ok(summary)
 }
 
+/// What a run writes.
+struct Outputs {
+    tables: Option<TableWriter>,
+    events: Option<EventsWriter>,
+    in_tables: InTables,
+}
+
+fn events_writer(config: &Config, inputs: &[Input]) -> Option<EventsWriter> {
+    let options = config.events()?;
+    let names = inputs.iter().map(|input| &input.name);
+    Some(EventsWriter::new(&options, names))
+}
+
+/// Removes the unfinished files of a run that must end at once.
+pub fn remove_temporaries(output: Option<&Path>, events: Option<&Path>) {
+    if let Some(output) = output {
+        tables::remove_temporaries(output);
+    }
+    if let Some(directory) = events {
+        events::remove_temporaries(directory);
+    }
+}
+
 /// Moves rounds through the three stages until all are through.
 fn stages(
     config: &Config,
     jobs: &[Job<'_>],
-    mut writer: Option<&mut TableWriter>,
+    outputs: &mut Outputs,
     summary: &mut RunSummary,
     on_progress: &(dyn Fn(Progress) + Sync),
     interrupt: &Interrupt,
@@ -172,6 +218,11 @@ fn stages(
     };
     let mut read: Option<Round> = source.next_round();
     let mut extracted: Option<Extracted> = None;
+    let Outputs {
+        tables,
+        events,
+        in_tables,
+    } = outputs;
     while read.is_some() || extracted.is_some() {
         if interrupt.is_raised() {
             return Err(RunError::Interrupted);
@@ -183,124 +234,19 @@ fn stages(
             || more.then(|| source.next_round()).flatten(),
             || {
                 rayon::join(
-                    || to_extract.map(|round| extract(round, config)),
-                    || to_write.map(|e| write(e, writer.as_deref_mut(), summary, &mut progress)),
+                    || to_extract.map(|round| Extracted::of(round, config, in_tables)),
+                    || {
+                        to_write.map(|e| {
+                            e.count(summary, &mut progress);
+                            e.write(tables.as_mut(), events.as_mut())
+                        })
+                    },
                 )
             },
         );
         (read, extracted) = (next, done);
         written.transpose()?;
         on_progress(progress);
-    }
-    Ok(())
-}
-
-/// A round after extraction: batches of rows to write, and what the summary needs.
-struct Extracted {
-    batches: Vec<(Batches, Vec<Mark>)>,
-    events: Vec<Counted>,
-    bytes: u64,
-}
-
-/// An event whose bulk has gone into the batches.
-enum Counted {
-    Episode(Arc<RecordingIdentity>, Box<Episode>, Box<Outcome>),
-    Recording(Arc<RecordingIdentity>, Box<RecordingRow>),
-}
-
-/// Runs the method on every episode of a round and makes rows of the results.
-fn extract(round: Round, config: &Config) -> Extracted {
-    let Round { events, bytes } = round;
-    let params: &ExtractionParams = &config.params;
-    let events: Vec<Counted> = events
-        .into_par_iter()
-        .with_max_len(1)
-        .map(|event| match event {
-            Event::Episode(identity, episode) => {
-                let outcome = extraction::extract(&episode, params);
-                Counted::Episode(identity, episode, Box::new(outcome))
-            }
-            Event::Recording(identity, row) => Counted::Recording(identity, row),
-        })
-        .collect();
-    let batches = groups(&events, config.max_part_rows.min(BATCH_ROWS))
-        .into_par_iter()
-        .map(|group| rows(group, config))
-        .collect();
-    Extracted {
-        batches,
-        events,
-        bytes,
-    }
-}
-
-/// Cuts events into runs of about `batch_rows` step rows.
-fn groups(events: &[Counted], batch_rows: usize) -> Vec<&[Counted]> {
-    let mut groups = Vec::new();
-    let (mut start, mut n_rows) = (0, 0);
-    for (i, event) in events.iter().enumerate() {
-        if let Counted::Episode(_, episode, _) = event {
-            n_rows += episode.n_steps() * episode.actions.n_columns();
-        }
-        if n_rows >= batch_rows {
-            groups.push(&events[start..=i]);
-            (start, n_rows) = (i + 1, 0);
-        }
-    }
-    if start < events.len() {
-        groups.push(&events[start..]);
-    }
-    groups
-}
-
-fn rows(events: &[Counted], config: &Config) -> (Batches, Vec<Mark>) {
-    let mut rows = RowsBuilder::new(config.params.joints(), config.steps);
-    let mut marks = Vec::with_capacity(events.len());
-    for event in events {
-        match event {
-            Counted::Episode(identity, episode, outcome) => {
-                rows.append_episode(episode, outcome);
-                marks.push(Mark::Episode(RecordingIdentity::clone(identity)));
-            }
-            Counted::Recording(identity, row) => {
-                rows.append_recording(row);
-                marks.push(Mark::Recording(DoneRecording {
-                    identity: RecordingIdentity::clone(identity),
-                    status: row.status,
-                    n_episodes: row.n_episodes,
-                    clean: row.is_clean(),
-                }));
-            }
-        }
-    }
-    (rows.finish(), marks)
-}
-
-/// Writes a round and counts it.
-fn write(
-    extracted: Extracted,
-    writer: Option<&mut TableWriter>,
-    summary: &mut RunSummary,
-    progress: &mut Progress,
-) -> Result<(), TableError> {
-    for event in &extracted.events {
-        match event {
-            Counted::Episode(_, episode, outcome) => {
-                summary.add_episode(episode, outcome);
-                progress.n_episodes += 1;
-                progress.n_steps += episode.n_steps() as u64;
-            }
-            Counted::Recording(_, row) => {
-                summary.add_recording(row);
-                progress.n_recordings += 1;
-            }
-        }
-    }
-    progress.bytes += extracted.bytes;
-    if let Some(writer) = writer {
-        for (batches, marks) in extracted.batches {
-            writer.write(&batches, &marks)?;
-        }
     }
     Ok(())
 }

@@ -1,13 +1,15 @@
 //! What is left to do in a directory that an earlier process of the same run has written to.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 use rayon::prelude::*;
 
 use super::config::RunError;
 use super::identity;
 use super::inputs::Input;
-use super::source::Job;
+use super::source::{Event, Job};
+use crate::events::EventsWriter;
 use crate::model::{RecordingIdentity, RecordingStatus};
 use crate::tables::{DoneRecording, OutputDirectory};
 
@@ -16,6 +18,63 @@ pub(crate) struct Work<'a> {
     /// The recording that was written in part comes first: until it is whole, no other may be begun.
     pub(crate) jobs: Vec<Job<'a>>,
     pub(crate) before: Vec<DoneRecording>,
+}
+
+/// Recordings that are read again, from their beginnings, for their events: their first episodes are in the tables.
+#[derive(Default)]
+pub(crate) struct InTables(BTreeMap<Arc<str>, Rows>);
+
+/// What of a recording is in the tables.
+enum Rows {
+    FirstEpisodes(u64),
+    All,
+}
+
+impl InTables {
+    /// Makes jobs of all recordings whose events are not there. Those of a recording that is only begun never are:
+    /// an events file is whole or it is not there.
+    pub(crate) fn for_events<'a>(
+        work: &mut Work<'a>,
+        inputs: &'a [Input],
+        events: &EventsWriter,
+    ) -> Self {
+        let mut rows = BTreeMap::new();
+        for job in work.jobs.iter_mut().filter(|job| job.n_written > 0) {
+            let n_episodes = std::mem::take(&mut job.n_written);
+            rows.insert(Arc::clone(&job.input.name), Rows::FirstEpisodes(n_episodes));
+        }
+        let without_events: BTreeSet<&str> = work
+            .before
+            .iter()
+            .filter(|done| done.n_episodes > 0 && !events.is_current(&done.identity))
+            .map(|done| &*done.identity.name)
+            .collect();
+        for input in inputs.iter().filter(|i| without_events.contains(&*i.name)) {
+            let n_written = 0;
+            work.jobs.push(Job { input, n_written });
+            rows.insert(Arc::clone(&input.name), Rows::All);
+        }
+        Self(rows)
+    }
+
+    /// Is the row of this event in the tables? To be asked once of each, in order.
+    pub(crate) fn have(&mut self, event: &Event) -> bool {
+        let (Event::Episode(identity, _) | Event::Recording(identity, _)) = event;
+        match (self.0.get_mut(&identity.name), event) {
+            (Some(Rows::All), _) => true,
+            (Some(Rows::FirstEpisodes(n)), Event::Episode(..)) if *n > 0 => {
+                *n -= 1;
+                true
+            }
+            _ => false,
+        }
+    }
+
+    /// Are the rows of all these recordings there?
+    pub(crate) fn have_all(&self, jobs: &[Job<'_>]) -> bool {
+        jobs.iter()
+            .all(|job| matches!(self.0.get(&job.input.name), Some(Rows::All)))
+    }
 }
 
 /// All recordings, from their beginnings.

@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 use super::directory::temporary_name;
 use super::error::TableError;
 use super::schema::TABLE_VERSION;
-use super::storage::Storage;
 use crate::model::{RecordingIdentity, RecordingStatus};
+use crate::storage::Storage;
 
 /// What a batch of rows is about, in the order of the rows.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -163,15 +163,34 @@ pub(super) fn read_commits(
     directory: &Path,
     shard: u32,
 ) -> Result<BTreeMap<u32, Commit>, TableError> {
+    read_commits_where(directory, |of_shard| of_shard == shard).map(|commits| {
+        commits
+            .into_iter()
+            .map(|((_, number), commit)| (number, commit))
+            .collect()
+    })
+}
+
+/// All commits, by shard and number.
+pub(super) fn read_all_commits(
+    directory: &Path,
+) -> Result<BTreeMap<(u32, u32), Commit>, TableError> {
+    read_commits_where(directory, |_| true)
+}
+
+fn read_commits_where(
+    directory: &Path,
+    is_wanted: impl Fn(u32) -> bool,
+) -> Result<BTreeMap<(u32, u32), Commit>, TableError> {
     let folder = commits_folder(directory);
     let mut commits = BTreeMap::new();
     for path in super::directory::names_in(&folder)? {
         let name = path.file_name().and_then(|n| n.to_str());
-        if let Some((of_shard, number)) = name.and_then(parse_commit_name)
-            && of_shard == shard
+        if let Some((shard, number)) = name.and_then(parse_commit_name)
+            && is_wanted(shard)
             && let Some(commit) = read(&path)?
         {
-            commits.insert(number, commit);
+            commits.insert((shard, number), commit);
         }
     }
     Ok(commits)
@@ -205,5 +224,6 @@ fn write<T: Serialize>(storage: &Storage, path: &Path, value: &T) -> Result<(), 
         .file_name()
         .and_then(|n| n.to_str())
         .unwrap_or("commit");
-    storage.write_whole(path, &path.with_file_name(temporary_name(name)), &text)
+    storage.write_whole(path, &path.with_file_name(temporary_name(name)), &text)?;
+    Ok(())
 }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use super::commit;
 use super::error::TableError;
 use super::schema::Table;
-use super::storage::{self, Storage};
+use crate::storage::{self, Storage};
 
 /// In the directory once a run is done.
 const SUCCESS: &str = "_SUCCESS";
@@ -29,7 +29,8 @@ pub(super) fn mark_done(storage: &Storage, directory: &Path) -> Result<(), Table
         &directory.join(SUCCESS),
         &directory.join(temporary_name(SUCCESS)),
         b"",
-    )
+    )?;
+    Ok(())
 }
 
 /// Takes the mark away: the run goes on.
@@ -38,7 +39,8 @@ pub(super) fn unmark_done(storage: &Storage, directory: &Path) -> Result<(), Tab
         return Ok(());
     }
     storage.remove(&directory.join(SUCCESS))?;
-    storage.sync_folder(directory)
+    storage.sync_folder(directory)?;
+    Ok(())
 }
 
 pub(super) fn is_marked_done(directory: &Path) -> bool {

@@ -6,19 +6,14 @@ use std::path::{Path, PathBuf};
 use parquet::errors::ParquetError;
 use thiserror::Error;
 
+use crate::storage::StorageError;
+
 /// A table that cannot be written.
 #[derive(Debug, Error)]
 pub enum TableError {
     /// The file system refused.
-    #[error("cannot {action} {}", path.display())]
-    Io {
-        /// What was tried: `create`, `write`, `sync`, `rename`, …
-        action: &'static str,
-        /// On what.
-        path: PathBuf,
-        /// Why not.
-        source: io::Error,
-    },
+    #[error(transparent)]
+    Storage(#[from] StorageError),
     /// The directory holds a run that is not this one.
     #[error(
         "{} holds another run ({difference}): give another directory, or --overwrite to start again",
@@ -63,12 +58,8 @@ impl TableError {
     }
 
     pub(crate) fn io(action: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {
-        let path = path.to_owned();
-        move |source| Self::Io {
-            action,
-            path,
-            source,
-        }
+        let storage = StorageError::io(action, path);
+        move |source| Self::Storage(storage(source))
     }
 
     pub(crate) fn parquet(path: &Path) -> impl FnOnce(ParquetError) -> Self {

@@ -8,19 +8,22 @@
 //! `schema.rs` is the public interface of the tables: names, types, units.
 
 mod commit;
+mod committed;
+mod comparison;
 mod directory;
 mod error;
 mod output;
 mod rows;
 mod schema;
-mod storage;
 mod writer;
 
+pub use crate::storage::{Faults, StorageError, SyncTime};
 pub use commit::{DoneRecording, Mark, OpenRecording};
+pub use committed::Committed;
+pub use comparison::write_comparison;
 pub use directory::{holds_run, remove_temporaries};
 pub use error::TableError;
 pub use output::OutputDirectory;
 pub use rows::{Batches, RowsBuilder};
 pub use schema::{TABLE_VERSION, Table};
-pub use storage::{Faults, SyncTime};
 pub use writer::{DEFAULT_MAX_PART_ROWS, TableOptions, TableWriter};

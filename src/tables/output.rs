@@ -14,8 +14,8 @@ use super::commit::{self, Commit, DoneRecording, OpenRecording, Run};
 use super::directory;
 use super::error::TableError;
 use super::schema::Table;
-use super::storage::Storage;
 use super::writer::{Part, TableOptions, TableWriter, part_name};
+use crate::storage::Storage;
 
 /// An output directory that nobody else writes to, as long as this lives.
 #[derive(Debug)]

@@ -122,33 +122,13 @@ struct JointKey {
 
 impl JointKey {
     fn new(mode: JointMode, episode: &Episode, index: usize) -> Self {
-        match mode {
-            JointMode::Each => {
-                let name = episode
-                    .joint_names
-                    .as_ref()
-                    .and_then(|names| names.get(index).cloned());
-                Self {
-                    mode,
-                    index,
-                    number: int32(index),
-                    name,
-                }
-            }
-            JointMode::Together => Self {
-                mode,
-                index: 0,
-                number: -1,
-                name: None,
-            },
+        Self {
+            mode,
+            index,
+            number: mode.joint_number(index),
+            name: episode.joint_name(mode, index).cloned(),
         }
     }
-}
-
-/// The sum of rewards, if every step has one.
-fn reward_sum(rewards: &[f64]) -> Option<f64> {
-    let sum = rewards.iter().fold(0.0, |sum, r| sum + r);
-    (!rewards.is_empty() && !sum.is_nan()).then_some(sum)
 }
 
 /// Counts and indices of an episode: more than 2^31 steps do not fit in memory.

@@ -21,8 +21,8 @@ use super::error::TableError;
 use super::output::OutputDirectory;
 use super::rows::{Batches, RowsBuilder};
 use super::schema::{TABLE_VERSION, Table};
-use super::storage::{Faults, PartFile, Storage, SyncTime};
 use crate::model::JointMode;
+use crate::storage::{Faults, NewFile, Storage, SyncTime};
 
 /// Rows of `steps` (of `segments` and `episodes` without it) after which a part group is cut.
 pub const DEFAULT_MAX_PART_ROWS: usize = 4 << 20;
@@ -264,7 +264,7 @@ pub(super) struct Part {
     table: Table,
     path: PathBuf,
     temporary: PathBuf,
-    writer: Option<ArrowWriter<PartFile>>,
+    writer: Option<ArrowWriter<NewFile>>,
 }
 
 impl Part {
@@ -322,7 +322,8 @@ impl Part {
         let file = writer
             .into_inner()
             .map_err(TableError::parquet(&self.temporary))?;
-        self.storage.commit(file, &self.temporary, &self.path)
+        self.storage.commit(file, &self.temporary, &self.path)?;
+        Ok(())
     }
 }
 

@@ -1,20 +1,52 @@
-//! The house's one rule: `cli → pipeline → {recording, extraction, tables, report} → model`, held as data.
+//! The house's one rule: `cli → pipeline → {recording, extraction, tables, events, summary} → model`, held as data.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Each module and what it may import from the crate.
 const MAY_IMPORT: &[(&str, &[&str])] = &[
-    ("main", &["cli", "pipeline", "report"]),
-    ("cli", &["pipeline", "extraction", "recording", "model"]),
+    (
+        "main",
+        &[
+            "cli", "pipeline", "results", "show", "diff", "report", "summary",
+        ],
+    ),
+    (
+        "cli",
+        &[
+            "pipeline",
+            "extraction",
+            "recording",
+            "results",
+            "show",
+            "diff",
+            "report",
+            "text",
+            "model",
+        ],
+    ),
     (
         "pipeline",
-        &["recording", "extraction", "tables", "report", "model"],
+        &[
+            "recording",
+            "extraction",
+            "tables",
+            "events",
+            "summary",
+            "model",
+        ],
     ),
-    ("report", &["model"]),
+    ("summary", &["text", "model"]),
+    ("text", &[]),
     ("recording", &["model"]),
     ("extraction", &["model"]),
-    ("tables", &["model"]),
+    ("tables", &["storage", "model"]),
+    ("events", &["storage", "model"]),
+    ("storage", &[]),
+    ("results", &["tables", "model"]),
+    ("show", &["results", "text", "model"]),
+    ("diff", &["results", "text", "model"]),
+    ("report", &["results", "model"]),
     ("model", &[]),
     ("lib", &[]),
 ];

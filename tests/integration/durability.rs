@@ -10,7 +10,7 @@ use std::time::Duration;
 use coact::extraction::{ExtractionParams, RawParams};
 use coact::pipeline::{self, Config, Interrupt, RunError};
 use coact::recording::ReadOptions;
-use coact::report::RunOutcome;
+use coact::summary::RunOutcome;
 use coact::tables::Faults;
 
 use rayon::prelude::*;
@@ -54,6 +54,7 @@ fn config(inputs: &Path, output: &Path, faults: Option<Arc<Faults>>) -> Config {
     Config {
         inputs: vec![inputs.to_owned()],
         output: Some(output.to_owned()),
+        events: None,
         params: ExtractionParams::new(RawParams::default()).unwrap(),
         read: ReadOptions::default(),
         steps: true,

@@ -34,7 +34,7 @@ fn one(directory: &Path, table: Table) -> RecordBatch {
     arrow::compute::concat_batches(&table.schema(), &batches).unwrap()
 }
 
-fn episode(number: i64, n: usize, rewards: Option<Vec<f64>>) -> Episode {
+pub(crate) fn episode(number: i64, n: usize, rewards: Option<Vec<f64>>) -> Episode {
     // Values that stay for a while and then jump, at other times in each column.
     let wave = |k: usize| {
         (0..n)
@@ -62,7 +62,7 @@ fn episode(number: i64, n: usize, rewards: Option<Vec<f64>>) -> Episode {
     }
 }
 
-fn write(
+pub(crate) fn write(
     directory: &Path,
     mode: JointMode,
     options: &TableOptions,

@@ -1,9 +1,10 @@
-"""Every command of `docs/recordings.md` is run, on recordings of its layouts, and prints what stands there."""
+"""Every command of the guides in `docs/` is run, on recordings of theirs, and prints what stands there."""
 
 from __future__ import annotations
 
 import re
 import shlex
+import shutil
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 GUIDE = ROOT / "docs/recordings.md"
+IN_CI = ROOT / "docs/in-ci.md"
 # Of a run that is over, how long it took is all that may differ.
 TIMING = re.compile(r" in [\d.]+ s \([^)]*\)")
 
@@ -25,13 +27,21 @@ class Shown:
     lines: tuple[str, ...]
 
 
-def shown() -> list[Shown]:
+def shown(guide: Path = GUIDE) -> list[Shown]:
     found = []
-    for block in re.findall(r"^```console\n(.*?)^```", GUIDE.read_text(), flags=re.MULTILINE | re.DOTALL):
+    for block in re.findall(r"^```console\n(.*?)^```", guide.read_text(), flags=re.MULTILINE | re.DOTALL):
         for part in re.split(r"^\$ ", block, flags=re.MULTILINE)[1:]:
             command, *lines = part.splitlines()
             found.append(Shown(command, tuple(lines)))
     return found
+
+
+def assert_prints(shown: Shown, found: str) -> None:
+    pattern = "".join(
+        r"(?:.*\n)*" if line == "…" else re.escape(TIMING.sub(" in …", line)) + r"\n" for line in shown.lines
+    )
+    found = TIMING.sub(" in …", found)
+    assert re.fullmatch(pattern, found), found
 
 
 @pytest.fixture(scope="module")
@@ -49,22 +59,36 @@ def test_the_guide_shows_what_is_printed(coact: Path, folder: Path, tmp_path: Pa
     # In a terminal diagnostics come first, then the summary, and last why nothing came out.
     last = "coact: no episode came out\n"
     found = done.stderr.removesuffix(last) + done.stdout + (last if done.stderr.endswith(last) else "")
-    pattern = "".join(
-        r"(?:.*\n)*" if line == "…" else re.escape(TIMING.sub(" in …", line)) + r"\n" for line in shown.lines
-    )
-    found = TIMING.sub(" in …", found)
-    assert re.fullmatch(pattern, found), found
+    assert_prints(shown, found)
     is_failure = any(" failed: " in line for line in shown.lines)
     has_losses = any(re.search(r"refused$| recovered: ", line) for line in shown.lines)
     assert done.returncode == (1 if is_failure else 3 if has_losses else 0)
 
 
-def test_links_lead_somewhere() -> None:
-    text = GUIDE.read_text()
+def test_the_guide_to_ci_shows_what_is_printed(coact: Path, tmp_path: Path) -> None:
+    """Its commands go on from one another, so they are run in order and in one folder."""
+    (tmp_path / "recordings").mkdir()
+    for name in ("cartpole.mcap", "pendulum.mcap"):
+        shutil.copy(ROOT / "fixtures/recordings" / name, tmp_path / "recordings")
+    code = 0
+    for command in shown(IN_CI):
+        if command.command == "echo $?":
+            assert_prints(command, f"{code}\n")
+            continue
+        program, *args = shlex.split(command.command)
+        assert program == "coact"
+        done = subprocess.run([coact, *args], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+        code = done.returncode
+        assert_prints(command, done.stderr + done.stdout)
+
+
+@pytest.mark.parametrize("guide", [GUIDE, IN_CI], ids=lambda guide: guide.name)
+def test_links_lead_somewhere(guide: Path) -> None:
+    text = guide.read_text()
     headings = re.findall(r"^#+ (.*)$", text, flags=re.MULTILINE)
     anchors = {re.sub(r"[^\w -]", "", heading).strip().lower().replace(" ", "-") for heading in headings}
     for target in re.findall(r"\]\(([^)]+)\)", text):
         if target.startswith("#"):
             assert target[1:] in anchors
         else:
-            assert (GUIDE.parent / target).exists()
+            assert (guide.parent / target).exists()

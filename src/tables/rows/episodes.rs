@@ -9,7 +9,7 @@ use arrow::array::{
 
 use super::super::schema::Table;
 use super::columns::{EpisodeKeyColumns, batch, timestamps};
-use super::{int32, int64, reward_sum};
+use super::{int32, int64};
 use crate::model::{Episode, EpisodeStatus, JointExtraction, Outcome};
 
 #[derive(Default)]
@@ -52,7 +52,7 @@ impl EpisodeRows {
         self.end_time
             .append_option(times.and_then(|t| t.last().copied()));
         self.episode_return
-            .append_option(episode.rewards.as_deref().and_then(reward_sum));
+            .append_option(episode.reward_sum(0..episode.n_steps()));
         let n_segments: usize = joints.iter().map(|j| j.segments.len()).sum();
         let n_steps: usize = joints
             .iter()

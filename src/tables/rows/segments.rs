@@ -8,7 +8,7 @@ use arrow::array::{
 
 use super::super::schema::{Table, action_item};
 use super::columns::{JointKeyColumns, batch, timestamps};
-use super::{JointKey, int32, reward_sum};
+use super::{JointKey, int32};
 use crate::model::{Episode, JointExtraction, JointMode, Segment};
 
 pub(super) struct SegmentRows {
@@ -68,12 +68,8 @@ impl SegmentRows {
             self.state_change_peak.append_value(state_change_peak);
             self.state_change_rank
                 .append_value(int32(state_change_rank));
-            self.reward_sum.append_option(
-                episode
-                    .rewards
-                    .as_ref()
-                    .and_then(|r| reward_sum(&r[start_step..end_step])),
-            );
+            self.reward_sum
+                .append_option(episode.reward_sum(start_step..end_step));
             self.actions(episode, joint, start_step, end_step);
         }
     }

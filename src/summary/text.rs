@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 
 use super::{EnvironmentSummary, JointSummary, Remark, RunSummary};
 use crate::model::RecordingRow;
+use crate::text::{Side, aligned, count, line, plural};
 
 /// Causes that the text names for a recording.
 const NAMED_CAUSES: usize = 4;
@@ -32,6 +33,13 @@ const HEADER: [&str; 8] = [
     "mean steps",
 ];
 
+/// Names to the left, numbers to the right.
+const SIDES: [Side; 8] = {
+    let mut sides = [Side::Right; 8];
+    (sides[0], sides[4]) = (Side::Left, Side::Left);
+    sides
+};
+
 impl RunSummary {
     /// As text for people.
     pub fn to_text(&self) -> String {
@@ -41,7 +49,7 @@ impl RunSummary {
             for (name, environment) in self.environments.iter().take(NAMED_ENVIRONMENTS) {
                 rows.extend(environment_rows(name, environment));
             }
-            aligned(&mut text, &rows);
+            aligned(&mut text, &SIDES, &rows);
             let unnamed = self.environments.len().saturating_sub(NAMED_ENVIRONMENTS);
             if unnamed > 0 {
                 line(
@@ -279,57 +287,12 @@ impl Remark {
     }
 }
 
-fn line(text: &mut String, content: &str) {
-    text.push_str(content);
-    text.push('\n');
-}
-
-fn plural(n: u64, word: &str) -> String {
-    if n == 1 {
-        word.to_owned()
-    } else {
-        format!("{word}s")
-    }
-}
-
-/// An integer with its thousands apart.
-fn count(n: u64) -> String {
-    let digits = n.to_string();
-    let mut text = String::new();
-    for (i, digit) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i).is_multiple_of(3) {
-            text.push(',');
-        }
-        text.push(digit);
-    }
-    text
-}
-
 /// A rate with three digits.
 fn compact(rate: f64) -> String {
     match rate {
         r if r >= 1e6 => format!("{:.1} M", r / 1e6),
         r if r >= 1e3 => format!("{:.0} k", r / 1e3),
         r => format!("{r:.0}"),
-    }
-}
-
-/// Rows under each other: the first column and the fifth (names) to the left, numbers to the right.
-fn aligned(text: &mut String, rows: &[Row]) {
-    let widths: [usize; 8] =
-        std::array::from_fn(|c| rows.iter().map(|r| r[c].chars().count()).max().unwrap_or(0));
-    for row in rows {
-        let mut content = String::new();
-        for (c, cell) in row.iter().enumerate() {
-            let width = widths[c];
-            let gap = if c == 0 { "" } else { "  " };
-            let _infallible = if c == 0 || c == 4 {
-                write!(content, "{gap}{cell:<width$}")
-            } else {
-                write!(content, "{gap}{cell:>width$}")
-            };
-        }
-        line(text, content.trim_end());
     }
 }
 
@@ -352,11 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_read_well() {
-        assert_eq!(
-            [count(0), count(999), count(1000), count(1_234_567)],
-            ["0", "999", "1,000", "1,234,567"]
-        );
+    fn rates_read_well() {
         assert_eq!(
             [compact(12.0), compact(45_000.0), compact(3.21e6)],
             ["12", "45 k", "3.2 M"]

@@ -2,12 +2,35 @@
 
 use std::fs::{self, File};
 use std::io::{self, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use super::error::TableError;
+use thiserror::Error;
+
+/// A call to the file system that was refused.
+#[derive(Debug, Error)]
+#[error("cannot {action} {}", path.display())]
+pub struct StorageError {
+    /// What was tried: `create`, `write`, `sync`, `rename to`, …
+    pub action: &'static str,
+    /// On what.
+    pub path: PathBuf,
+    /// Why not.
+    pub source: io::Error,
+}
+
+impl StorageError {
+    pub(crate) fn io(action: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {
+        let path = path.to_owned();
+        move |source| Self {
+            action,
+            path,
+            source,
+        }
+    }
+}
 
 /// Makes the N-th call to the file system fail, for tests of what then happens.
 #[derive(Debug, Default)]
@@ -69,13 +92,13 @@ impl SyncTime {
 
 /// The file system, perhaps with faults.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Storage {
+pub(crate) struct Storage {
     faults: Option<Arc<Faults>>,
-    pub(super) sync_time: SyncTime,
+    pub(crate) sync_time: SyncTime,
 }
 
 impl Storage {
-    pub(super) fn new(faults: Option<Arc<Faults>>) -> Self {
+    pub(crate) fn new(faults: Option<Arc<Faults>>) -> Self {
         Self {
             faults,
             sync_time: SyncTime::default(),
@@ -87,13 +110,13 @@ impl Storage {
     }
 
     /// Makes a folder and those above it, and its name durable.
-    pub(super) fn create_folder(&self, path: &Path) -> Result<(), TableError> {
+    pub(crate) fn create_folder(&self, path: &Path) -> Result<(), StorageError> {
         if path.is_dir() {
             return Ok(());
         }
         self.check()
             .and_then(|()| fs::create_dir_all(path))
-            .map_err(TableError::io("create the folder", path))?;
+            .map_err(StorageError::io("create the folder", path))?;
         path.parent().map_or(Ok(()), |above| {
             if above.as_os_str().is_empty() {
                 Ok(())
@@ -104,7 +127,7 @@ impl Storage {
     }
 
     /// Opens a file to be locked, made if it is not there; what it holds stays.
-    pub(super) fn open_lock(&self, path: &Path) -> Result<File, TableError> {
+    pub(crate) fn open_lock(&self, path: &Path) -> Result<File, StorageError> {
         self.check()
             .and_then(|()| {
                 File::options()
@@ -114,48 +137,48 @@ impl Storage {
                     .truncate(false)
                     .open(path)
             })
-            .map_err(TableError::io("open", path))
+            .map_err(StorageError::io("open", path))
     }
 
     /// Makes or empties a file.
-    pub(super) fn create(&self, path: &Path) -> Result<PartFile, TableError> {
+    pub(crate) fn create(&self, path: &Path) -> Result<NewFile, StorageError> {
         self.check()
             .and_then(|()| File::create(path))
-            .map(|file| PartFile {
+            .map(|file| NewFile {
                 file,
                 storage: self.clone(),
             })
-            .map_err(TableError::io("create", path))
+            .map_err(StorageError::io("create", path))
     }
 
     /// Gives a finished file its final name, so that it is there whole or not at all, also after a power cut.
-    pub(super) fn commit(
+    pub(crate) fn commit(
         &self,
-        file: PartFile,
+        file: NewFile,
         temporary: &Path,
         path: &Path,
-    ) -> Result<(), TableError> {
+    ) -> Result<(), StorageError> {
         self.check()
             .and_then(|()| self.sync_time.sync(&file.file))
-            .map_err(TableError::io("sync", temporary))?;
+            .map_err(StorageError::io("sync", temporary))?;
         drop(file);
         self.check()
             .and_then(|()| fs::rename(temporary, path))
-            .map_err(TableError::io("rename to", path))?;
+            .map_err(StorageError::io("rename to", path))?;
         path.parent()
             .map_or(Ok(()), |above| self.sync_folder(above))
     }
 
     /// Writes a small file whole; what stands there already stays until the new one is complete.
-    pub(super) fn write_whole(
+    pub(crate) fn write_whole(
         &self,
         path: &Path,
         temporary: &Path,
         content: &[u8],
-    ) -> Result<(), TableError> {
+    ) -> Result<(), StorageError> {
         let written = self.create(temporary).and_then(|mut file| {
             file.write_all(content)
-                .map_err(TableError::io("write", temporary))?;
+                .map_err(StorageError::io("write", temporary))?;
             self.commit(file, temporary, path)
         });
         if written.is_err() {
@@ -166,21 +189,23 @@ impl Storage {
     }
 
     /// Removes a file; that it is gone already is no error.
-    pub(super) fn remove(&self, path: &Path) -> Result<(), TableError> {
+    pub(crate) fn remove(&self, path: &Path) -> Result<(), StorageError> {
         match self.check().and_then(|()| fs::remove_file(path)) {
-            Err(e) if e.kind() != io::ErrorKind::NotFound => Err(TableError::io("remove", path)(e)),
+            Err(e) if e.kind() != io::ErrorKind::NotFound => {
+                Err(StorageError::io("remove", path)(e))
+            }
             _ => Ok(()),
         }
     }
 
     /// Makes the names in a folder durable.
-    pub(super) fn sync_folder(&self, path: &Path) -> Result<(), TableError> {
+    pub(crate) fn sync_folder(&self, path: &Path) -> Result<(), StorageError> {
         // Other systems have no such call, and need none.
         if cfg!(unix) {
             self.check()
                 .and_then(|()| File::open(path))
                 .and_then(|folder| self.sync_time.sync(&folder))
-                .map_err(TableError::io("sync the folder", path))
+                .map_err(StorageError::io("sync the folder", path))
         } else {
             Ok(())
         }
@@ -188,18 +213,18 @@ impl Storage {
 }
 
 /// Removes a folder that holds nothing; any other stays.
-pub(super) fn remove_empty_folder(path: &Path) {
+pub(crate) fn remove_empty_folder(path: &Path) {
     // A folder that is not empty, or not there, is none of our business.
     let _stays: io::Result<()> = fs::remove_dir(path);
 }
 
 /// A file that is being written.
-pub(super) struct PartFile {
+pub(crate) struct NewFile {
     file: File,
     storage: Storage,
 }
 
-impl Write for PartFile {
+impl Write for NewFile {
     fn write(&mut self, buffer: &[u8]) -> io::Result<usize> {
         self.storage.check()?;
         self.file.write(buffer)

@@ -9,7 +9,7 @@ use std::time::Duration;
 use serde::{Serialize, Serializer};
 
 use crate::model::{
-    Cause, ChosenLayout, Episode, EpisodeStatus, Extraction, JointMode, Outcome, RecordingRow,
+    Cause, ChosenLayout, Episode, EpisodeStatus, Extraction, Outcome, RecordingRow, environment_of,
 };
 
 /// How a run ended.
@@ -58,19 +58,11 @@ pub struct EnvironmentSummary {
 impl EnvironmentSummary {
     /// Counts what was found in one episode; how many composite actions that is.
     fn add_joints(&mut self, episode: &Episode, extraction: &Extraction) -> u64 {
-        let together = extraction.mode == JointMode::Together;
+        let mode = extraction.mode;
         let mut n_segments = 0;
         for (index, joint) in extraction.joints.iter().enumerate() {
-            let number = if together {
-                -1
-            } else {
-                i32::try_from(index).unwrap_or(i32::MAX)
-            };
-            let name = episode
-                .joint_names
-                .as_ref()
-                .filter(|_| !together)
-                .and_then(|names| names.get(index).cloned());
+            let number = mode.joint_number(index);
+            let name = episode.joint_name(mode, index).cloned();
             let summary = self.joints.entry(number).or_insert_with(|| JointSummary {
                 joint_name: name.clone(),
                 ..JointSummary::default()
@@ -203,7 +195,7 @@ impl RunSummary {
                     .push((id, incomplete.reason.clone()));
             }
         }
-        let name = environment_of(episode);
+        let name = environment_of(episode.env_id.as_deref(), &episode.key.recording).to_owned();
         if !self.of_recording.environments.contains(&name) {
             self.of_recording.environments.push(name.clone());
             self.environments
@@ -315,20 +307,6 @@ fn layouts_as_list<S: Serializer>(
         layout,
         n_recordings,
     }))
-}
-
-/// `env_id`, else the folder of the recording, else its name.
-fn environment_of(episode: &Episode) -> String {
-    let recording = &episode.key.recording;
-    episode.env_id.as_deref().map_or_else(
-        || {
-            recording
-                .rsplit_once('/')
-                .map_or(&**recording, |(folder, _)| folder)
-                .to_owned()
-        },
-        ToOwned::to_owned,
-    )
 }
 
 #[cfg(test)]
