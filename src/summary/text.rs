@@ -260,7 +260,11 @@ impl Remark {
             .reason
             .as_ref()
             .map_or_else(String::new, |r| format!(": {r}"));
-        line(text, &format!("{} {}{reason}", self.recording, self.status));
+        // A reason may have lines of its own, such as the readings to choose from.
+        let mut lines = reason.lines();
+        let first = lines.next().unwrap_or_default();
+        line(text, &format!("{} {}{first}", self.recording, self.status));
+        lines.for_each(|more| line(text, more));
         for (episode, reason) in &self.incomplete {
             line(text, &format!("  episode {episode} incomplete: {reason}"));
         }
@@ -312,6 +316,23 @@ mod tests {
         let text = summary.to_text();
         assert!(text.lines().count() < 50, "{text}");
         assert!(text.contains("… and 960 more"), "{text}");
+    }
+
+    #[test]
+    fn a_reason_keeps_its_lines_and_nothing_steers_the_terminal() {
+        let remark = Remark {
+            recording: "a\u{1b}[2J.mcap".into(),
+            status: "failed",
+            reason: Some("which:\n  --action /a\n  --action /b\u{7}".to_owned()),
+            causes: Vec::new(),
+            incomplete: Vec::new(),
+        };
+        let mut text = String::new();
+        remark.write(&mut text);
+        assert_eq!(
+            text,
+            "a\u{fffd}[2J.mcap failed: which:\n  --action /a\n  --action /b\u{fffd}\n"
+        );
     }
 
     #[test]
