@@ -51,7 +51,7 @@ class EpisodeCharts {
       {
         width, height, legend: { show: false },
         padding: [8, options.hasRightAxis ? 0 : AXIS_WIDTH() - 6, 0, 0],
-        cursor: { drag: { x: true, y: false, setScale: false }, points: { size: 6 }, bind: { dblclick: () => () => this.zoom(...this.whole()) } },
+        cursor: { drag: { x: true, y: false, setScale: false }, points: { size: 6 }, bind: { dblclick: () => () => this.zoom(...this.whole()), mousemove: ifMoved, mouseenter: ifMoved } },
         ...options,
         scales: { x: { time: false, range: () => this.range }, ...options.scales },
         hooks: {
@@ -84,7 +84,10 @@ class EpisodeCharts {
     const size = Math.min(high - low, Math.max(2 * this.trace.stride, 2, to - from));
     const start = Math.min(Math.max(low, from), high - size);
     this.range = [start, start + size];
-    for (const { plot } of this.charts) plot.setScale("x", { min: this.range[0], max: this.range[1] });
+    // At once, not when the browser has time: what follows asks where on the new scale a step is.
+    this.isMoving = true;
+    for (const { plot } of this.charts) plot.batch(() => plot.setScale("x", { min: this.range[0], max: this.range[1] }));
+    this.isMoving = false;
     this.showStep(this.point);
     this.onStep(this.point, this.joint || this.trace.joints[0], this.range);
   }
@@ -161,6 +164,20 @@ class EpisodeCharts {
     const next = direction > 0 ? starts.find((s) => s > step) : starts.findLast((s) => s < step);
     if (next !== undefined) this.moveTo(Math.round(next / this.trace.stride), joint);
   }
+}
+
+/** Where the mouse was last seen. */
+const mouse = { x: NaN, y: NaN };
+
+for (const type of ["mousemove", "click"]) {
+  addEventListener(type, (event) => Object.assign(mouse, { x: event.clientX, y: event.clientY }));
+}
+
+/** Charts that are scrolled under a resting mouse must not take the cursor from the step that a link has chosen. */
+function ifMoved(_, __, handler) {
+  return (event) => {
+    if (event.clientX !== mouse.x || event.clientY !== mouse.y) handler(event);
+  };
 }
 
 function axis(more) {

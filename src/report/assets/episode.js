@@ -155,7 +155,7 @@ function tellStep(point, joint) {
     ["correlated", "near both", flag(joint.correlated)],
     ["segment", "composite action", k < 0 ? "outside" : `${k} (${joint.segments[k].start}–${joint.segments[k].end})`],
   ];
-  byId("readout").replaceChildren(...fields.map(([id, label, text]) => element("span", {}, element("span", { class: "muted" }, `${label} `), element("b", { "data-field": id }, text))));
+  byId("readout").replaceChildren(...fields.map(([id, label, text]) => element("span", { class: "field" }, element("span", { class: "muted" }, `${label} `), element("b", { "data-field": id }, text))));
   view.charts.say(joint, fields.map(([, label, text]) => `${label} ${text}`).join(", "));
 }
 
