@@ -86,9 +86,17 @@ def fixtures_report(make_report: Callable[..., Report]) -> Report:
 
 
 @pytest.fixture(scope="session")
+def compared_report(make_report: Callable[..., Report], run: Run, tmp_path_factory: pytest.TempPathFactory) -> Report:
+    """The same with a comparison of the measures by both profiles."""
+    comparison = tmp_path_factory.mktemp("comparison") / "comparison.json"
+    comparison.write_text(run(["compare", ROOT / "fixtures", "--profiles", "both", "--json"]))
+    return make_report(ROOT / "fixtures", report=["--compare", comparison])
+
+
+@pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
     """Chromium: CHROMIUM, that of the system, or Playwright's own."""
-    path = os.environ.get("CHROMIUM") or shutil.which("chromium")
+    path = os.environ.get("CHROMIUM") or shutil.which("chromium") or None
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=path)
         yield browser

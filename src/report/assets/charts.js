@@ -215,7 +215,8 @@ function gaps(values) {
 }
 
 function rawChart(trace, joint) {
-  if (!joint.action && !trace.state.measure) return null;
+  // The action alone is in (c) too.
+  if (!trace.state.measure) return null;
   const series = [{}];
   const values = [];
   const axes = [stepAxis(false)];
@@ -224,14 +225,12 @@ function rawChart(trace, joint) {
     values.push(gaps(joint.action));
     axes.push(valueAxis("action", { scale: "y" }));
   }
-  const hasRightAxis = Boolean(trace.state.measure && joint.action);
-  if (trace.state.measure) {
-    series.push({ stroke: colour("state"), width: 1.25, scale: "measure", points: { show: false } });
-    values.push(gaps(trace.state.measure));
-    axes.push(valueAxis("state E_w", { scale: "measure", side: hasRightAxis ? 1 : 3, grid: { show: !hasRightAxis, stroke: colour("line"), width: 1 } }));
-  }
+  const hasRightAxis = Boolean(joint.action);
+  series.push({ stroke: colour("state"), width: 1.25, scale: "measure", points: { show: false } });
+  values.push(gaps(trace.state.measure));
+  axes.push(valueAxis("state E_w", { scale: "measure", side: hasRightAxis ? 1 : 3, grid: { show: !hasRightAxis, stroke: colour("line"), width: 1 } }));
   return {
-    title: "(a) raw action, and measure of the state (E_w)", height: 128, values,
+    title: `(a) ${joint.action ? "raw action, and " : ""}measure of the state (E_w)`, height: 128, values,
     options: { series, axes, hasRightAxis, scales: { y: { range: padded }, measure: { range: padded } } },
   };
 }

@@ -51,7 +51,7 @@ function buildEpisode() {
   if (!trace) {
     target.append(
       element("p", { class: "info" }, "The traces of this episode are not in this page. Make one that has them: ",
-        element("code", {}, `coact report DIR --episode '${nameOf(place)}'`)),
+        element("code", {}, `coact report DIR --episode '${nameOf(place).replaceAll("'", "'\\''")}'`)),
     );
     return;
   }
@@ -87,7 +87,7 @@ function shownKinds() {
 function drawCharts() {
   if (!view.charts || !view.box) return;
   const kinds = shownKinds();
-  byId("view-kind").value = kinds;
+  if (byId("view-kind")) byId("view-kind").value = kinds;
   view.charts.draw(view.box, KINDS[kinds], shownJoints());
 }
 
@@ -103,7 +103,7 @@ function toolbar(trace) {
   };
   return element(
     "div", { class: "tools", role: "toolbar", "aria-label": "Charts" },
-    choice("view-kind", "Show", kinds, shownKinds(), (e) => { view.kinds = e.target.value; drawCharts(); }),
+    trace.state.measure ? choice("view-kind", "Show", kinds, shownKinds(), (e) => { view.kinds = e.target.value; drawCharts(); }) : null,
     trace.joints.length > 1 ? choice("view-joint", "of", joints, view.joint, (e) => { view.joint = e.target.value; drawCharts(); }) : null,
     element("span", { class: "spacer" }),
     button("◂", "Move left", () => view.charts.pan(-0.5)),
