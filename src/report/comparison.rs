@@ -36,7 +36,11 @@ struct MeasureRow {
 struct AgreementRow {
     environment: String,
     a: String,
+    #[serde(default)]
+    a_profile: Option<String>,
     b: String,
+    #[serde(default)]
+    b_profile: Option<String>,
     f1: Option<f64>,
 }
 

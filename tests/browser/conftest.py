@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,7 @@ class Report:
     path: Path
     directory: Path
     told: str
+    comparison: dict[str, Any] | None = None
 
     @cached_property
     def segments(self) -> list[dict[str, Any]]:
@@ -90,7 +92,8 @@ def compared_report(make_report: Callable[..., Report], run: Run, tmp_path_facto
     """The same with a comparison of the measures by both profiles."""
     comparison = tmp_path_factory.mktemp("comparison") / "comparison.json"
     comparison.write_text(run(["compare", ROOT / "fixtures", "--profiles", "both", "--json"]))
-    return make_report(ROOT / "fixtures", report=["--compare", comparison])
+    report = make_report(ROOT / "fixtures", report=["--compare", comparison])
+    return replace(report, comparison=json.loads(comparison.read_text()))
 
 
 @pytest.fixture(scope="session")

@@ -35,7 +35,7 @@ def test_hostile_names_are_text_everywhere(hostile_report, show):
     assert elements == 0
     assert page.locator("#environments tbody th").first.evaluate("e => e.textContent") == ENVIRONMENT
     expect(page.locator("#charts h4")).to_have_count(1)
-    assert page.locator("#comparison-tables tbody td").first.evaluate("e => e.textContent") == ENVIRONMENT
+    assert page.locator("#comparison-tables tbody th").first.evaluate("e => e.textContent") == ENVIRONMENT
 
 
 @pytest.mark.parametrize("place", range(len(EPISODES)))

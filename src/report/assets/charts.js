@@ -1,7 +1,10 @@
 // The charts of one episode: for each joint its raw action with the state's measure, the changes with masks and
 // boundaries, and the action in the colours of its composite actions. They share one range of steps and one cursor.
 
-const AXIS_WIDTH = () => (innerWidth < 600 ? 46 : 58);
+const AXIS_WIDTH = () => (innerWidth < 600 ? 40 : 52);
+
+/** Height of the name of an axis. */
+const AXIS_LABEL = 14;
 
 /** Few distinct values are held from step to step; many are joined by lines. */
 const MAX_HELD = 12;
@@ -46,11 +49,11 @@ class EpisodeCharts {
       class: "chart", tabindex: 0, role: "slider", "aria-label": `${title}, ${jointName(joint)}`, "aria-orientation": "horizontal",
       "aria-valuemin": 0, "aria-valuemax": this.trace.nSteps - 1, "aria-valuenow": 0, "aria-valuetext": "no step chosen",
     });
-    place.append(element("p", { class: "chart-title" }, title), box);
+    place.append(element("p", { class: "chart-title" }, withSymbols(title)), box);
     const plot = new uPlot(
       {
         width, height, legend: { show: false },
-        padding: [8, options.hasRightAxis ? 0 : AXIS_WIDTH() - 6, 0, 0],
+        padding: [8, options.hasRightAxis ? 0 : AXIS_WIDTH() + AXIS_LABEL, 0, 0],
         cursor: { drag: { x: true, y: false, setScale: false }, points: { size: 6 }, bind: { dblclick: () => () => this.zoom(...this.whole()), mousemove: ifMoved, mouseenter: ifMoved } },
         ...options,
         scales: { x: { time: false, range: () => this.range }, ...options.scales },
@@ -182,16 +185,16 @@ function ifMoved(_, __, handler) {
 
 function axis(more) {
   const font = `11px ${getComputedStyle(document.body).fontFamily}`;
-  return { stroke: colour("muted"), font, labelFont: font, labelSize: 14, labelGap: 0, size: AXIS_WIDTH(), grid: { stroke: colour("line"), width: 1 }, ticks: { stroke: colour("line"), width: 1, size: 4 }, gap: 4, ...more };
+  return { stroke: colour("muted"), font, labelFont: font, labelSize: AXIS_LABEL, labelGap: 0, size: AXIS_WIDTH(), grid: { stroke: colour("line"), width: 1 }, ticks: { stroke: colour("line"), width: 1, size: 4 }, gap: 4, ...more };
 }
 
 /** The axis of steps, which only the last chart of a joint needs. */
 function stepAxis(isNamed) {
-  return axis({ size: isNamed ? 38 : 20, label: isNamed ? "step" : undefined, space: 60, values: (_, ticks) => ticks.map((t) => (Number.isInteger(t) ? whole(t) : "")) });
+  return axis({ size: 20, label: isNamed ? "step" : undefined, space: 60, values: (_, ticks) => ticks.map((t) => (Number.isInteger(t) ? whole(t) : "")) });
 }
 
 function valueAxis(label, more) {
-  return axis({ label, space: 28, values: (_, ticks) => ticks.map(number), ...more });
+  return axis({ label, space: 28, values: (_, ticks) => ticks.map((t) => number(t)), ...more });
 }
 
 /** A range with a margin, also around a single value. */
@@ -228,7 +231,7 @@ function rawChart(trace, joint) {
   const hasRightAxis = Boolean(joint.action);
   series.push({ stroke: colour("state"), width: 1.25, scale: "measure", points: { show: false } });
   values.push(gaps(trace.state.measure));
-  axes.push(valueAxis("state E_w", { scale: "measure", side: hasRightAxis ? 1 : 3, grid: { show: !hasRightAxis, stroke: colour("line"), width: 1 } }));
+  axes.push(valueAxis("state measure", { scale: "measure", side: hasRightAxis ? 1 : 3, grid: { show: !hasRightAxis, stroke: colour("line"), width: 1 } }));
   return {
     title: `(a) ${joint.action ? "raw action, and " : ""}measure of the state (E_w)`, height: 128, values,
     options: { series, axes, hasRightAxis, scales: { y: { range: padded }, measure: { range: padded } } },
@@ -242,7 +245,7 @@ function changeChart(trace, joint) {
   if (!joint.change) return null;
   const line = (name) => ({ stroke: colour(name), width: 1.25, points: { show: false } });
   return {
-    title: "(b) change of action and state (E_n), λ, masks and boundaries", height: 168,
+    title: "(b) change (E_n) of action and state, λ, masks, correlation, boundaries", height: 168,
     values: [joint.change, trace.state.change],
     options: {
       series: [{}, line("action"), line("state")],
@@ -352,21 +355,25 @@ function drawThreshold(u) {
   inPlot(u, (ctx, bbox) => {
     const y = u.valToPos(data.threshold, "y", true);
     ctx.strokeStyle = colour("text");
-    ctx.fillStyle = colour("text");
     ctx.lineWidth = devicePixelRatio;
     ctx.setLineDash([5 * devicePixelRatio, 4 * devicePixelRatio]);
     ctx.beginPath();
     ctx.moveTo(bbox.left, y);
     ctx.lineTo(bbox.left + bbox.width, y);
     ctx.stroke();
-    ctx.font = `${12 * devicePixelRatio}px ${getComputedStyle(document.body).fontFamily}`;
-    ctx.textAlign = "right";
-    ctx.fillText(`λ = ${number(data.threshold)}`, bbox.left + bbox.width - 4 * devicePixelRatio, y - 4 * devicePixelRatio);
   });
+  // Beside the plot, where no line crosses it.
+  u.ctx.save();
+  u.ctx.font = `${11 * devicePixelRatio}px ${getComputedStyle(document.body).fontFamily}`;
+  u.ctx.fillStyle = colour("text");
+  u.ctx.textAlign = "left";
+  u.ctx.textBaseline = "middle";
+  u.ctx.fillText(`λ = ${number(data.threshold)}`, u.bbox.left + u.bbox.width + 5 * devicePixelRatio, u.valToPos(data.threshold, "y", true));
+  u.ctx.restore();
 }
 
 function drawBands(u, trace, joint) {
-  const bands = [["action", joint.mask, "action"], ["state", trace.state.mask, "state"], ["both", joint.correlated, "near both"]];
+  const bands = [["action", joint.mask, "action"], ["state", trace.state.mask, "state"], ["both", joint.correlated, "correlated"]];
   const top = u.valToPos(-0.06, "y", true);
   const room = (u.valToPos(BANDS_LOW, "y", true) - top) / 3;
   const { ctx, bbox } = u;
@@ -374,7 +381,7 @@ function drawBands(u, trace, joint) {
     if (!mask) return;
     const y = top + row * room;
     ctx.save();
-    ctx.font = `${10 * devicePixelRatio}px ${getComputedStyle(document.body).fontFamily}`;
+    ctx.font = `${(innerWidth < 600 ? 9 : 10) * devicePixelRatio}px ${getComputedStyle(document.body).fontFamily}`;
     ctx.textAlign = "right";
     ctx.textBaseline = "middle";
     ctx.fillStyle = colour("muted");

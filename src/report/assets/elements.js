@@ -22,19 +22,29 @@ function byId(id) {
   return document.getElementById(id);
 }
 
+/** Text in which E_w and E_n are written as symbols. */
+function withSymbols(text) {
+  return text.split(/(E_[wn])/).map((part) => (/^E_[wn]$/.test(part) ? element("span", {}, "E", element("sub", {}, part[2])) : part));
+}
+
 const wholeFormat = new Intl.NumberFormat("en", { maximumFractionDigits: 0 });
 
 function whole(value) {
   return wholeFormat.format(value);
 }
 
-/** A number with at most five digits that count. */
-function number(value) {
+/** A number with at most so many digits that count. */
+function number(value, digits = 5) {
   if (value === null || value === undefined || Number.isNaN(value)) return "–";
   if (!Number.isFinite(value)) return value > 0 ? "∞" : "−∞";
   const size = Math.abs(value);
-  if (size !== 0 && (size < 1e-4 || size >= 1e7)) return value.toExponential(3).replace("-", "−");
-  return String(Number(value.toPrecision(5))).replace("-", "−");
+  if (size !== 0 && (size < 1e-4 || size >= 1e7)) return value.toExponential(digits - 2).replace("-", "−");
+  return String(Number(value.toPrecision(digits))).replace("-", "−");
+}
+
+/** A number where there is little room. */
+function short(value) {
+  return number(value, 4);
 }
 
 function fixed(value, digits) {

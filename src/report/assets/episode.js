@@ -64,7 +64,8 @@ function buildEpisode() {
   }
   const readout = element("div", { class: "readout", id: "readout" }, element("span", { class: "muted" }, "Point at a chart, or focus one and press an arrow key, to read its values."));
   view.box = element("div", { id: "charts" });
-  target.append(toolbar(trace), legend(trace), readout, view.box, keysHelp(), segmentsTable(trace));
+  // The readout stays in sight as long as a chart is.
+  target.append(toolbar(trace), legend(trace), element("div", {}, readout, view.box), keysHelp(), segmentsTable(trace));
   drawCharts();
 }
 
@@ -72,7 +73,7 @@ function buildEpisode() {
 function timeOf(nanos) {
   const millis = Number(BigInt(nanos) / 1000000n);
   const date = new Date(millis);
-  return Number.isNaN(date.getTime()) ? `${nanos} ns` : date.toISOString().replace("T", " ").replace("Z", " UTC");
+  return Number.isNaN(date.getTime()) ? `${nanos} ns` : `${date.toISOString().slice(0, 19).replace("T", " ")} UTC`;
 }
 
 function shownJoints() {
@@ -106,13 +107,17 @@ function toolbar(trace) {
     trace.state.measure ? choice("view-kind", "Show", kinds, shownKinds(), (e) => { view.kinds = e.target.value; drawCharts(); }) : null,
     trace.joints.length > 1 ? choice("view-joint", "of", joints, view.joint, (e) => { view.joint = e.target.value; drawCharts(); }) : null,
     element("span", { class: "spacer" }),
-    button("◂", "Move left", () => view.charts.pan(-0.5)),
-    button("−", "Zoom out", () => view.charts.zoomBy(2)),
-    button("+", "Zoom in", () => view.charts.zoomBy(0.5)),
-    button("▸", "Move right", () => view.charts.pan(0.5)),
-    element("button", { type: "button", onclick: () => view.charts.zoom(...view.charts.whole()) }, "Whole"),
-    element("button", { type: "button", onclick: step(-1), "aria-label": "Previous episode" }, "‹ Prev"),
-    element("button", { type: "button", onclick: step(1), "aria-label": "Next episode" }, "Next ›"),
+    element(
+      "span", { class: "group" },
+      button("◂", "Move left", () => view.charts.pan(-0.5)), button("−", "Zoom out", () => view.charts.zoomBy(2)),
+      button("+", "Zoom in", () => view.charts.zoomBy(0.5)), button("▸", "Move right", () => view.charts.pan(0.5)),
+      element("button", { type: "button", onclick: () => view.charts.zoom(...view.charts.whole()) }, "Whole"),
+    ),
+    element(
+      "span", { class: "group" },
+      element("button", { type: "button", onclick: step(-1), "aria-label": "Previous episode" }, "‹ Prev"),
+      element("button", { type: "button", onclick: step(1), "aria-label": "Next episode" }, "Next ›"),
+    ),
   );
 }
 
@@ -121,7 +126,7 @@ function legend(trace) {
   const items = [item("border-color: var(--action)", "action")];
   if (trace.state.change) {
     items.push(
-      item("border-color: var(--state)", "state"), item("", "λ", "dash"), item("border-color: var(--both)", "change of both nearby", "band"),
+      item("border-color: var(--state)", "state"), item("", "λ", "dash"), item("border-color: var(--both)", "correlated", "band"),
       item("", "boundary", "upright"), item("border-color: var(--outside)", "outside composite actions"),
     );
   }
@@ -146,13 +151,13 @@ function tellStep(point, joint) {
     ["time", "time", trace.seconds ? `${fixed(at(trace.seconds), 3)} s` : "–"],
     ["joint", "joint", jointName(joint)],
     ["action", "action", number(at(joint.action))],
-    ["action-measure", "E_w action", number(at(joint.measure))],
-    ["action-change", "E_n action", fixed(at(joint.change), 4)],
-    ["state-measure", "E_w state", number(at(trace.state.measure))],
-    ["state-change", "E_n state", fixed(at(trace.state.change), 4)],
+    ["action-measure", "action measure", short(at(joint.measure))],
+    ["action-change", "action change", fixed(at(joint.change), 4)],
+    ["state-measure", "state measure", short(at(trace.state.measure))],
+    ["state-change", "state change", fixed(at(trace.state.change), 4)],
     ["action-mask", "action mask", flag(joint.mask)],
     ["state-mask", "state mask", flag(trace.state.mask)],
-    ["correlated", "near both", flag(joint.correlated)],
+    ["correlated", "correlated", flag(joint.correlated)],
     ["segment", "composite action", k < 0 ? "outside" : `${k} (${joint.segments[k].start}–${joint.segments[k].end})`],
   ];
   byId("readout").replaceChildren(...fields.map(([id, label, text]) => element("span", { class: "field" }, element("span", { class: "muted" }, `${label} `), element("b", { "data-field": id }, text))));

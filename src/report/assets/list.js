@@ -79,8 +79,16 @@ function setActive(wanted) {
   if (list.active >= 0) options[list.active].classList.remove("active");
   list.active = Math.min(Math.max(0, wanted), options.length - 1);
   options[list.active].classList.add("active");
-  options[list.active].scrollIntoView({ block: "nearest" });
+  keepInSight(options[list.active]);
   byId("list").setAttribute("aria-activedescendant", options[list.active].id);
+}
+
+/** Moves the list alone; the page stays where it is. */
+function keepInSight(node) {
+  const box = byId("list");
+  const top = node.offsetTop - box.offsetTop;
+  if (top < box.scrollTop) box.scrollTop = top;
+  else if (top + node.offsetHeight > box.scrollTop + box.clientHeight) box.scrollTop = top + node.offsetHeight - box.clientHeight;
 }
 
 function markSelected() {
@@ -89,7 +97,6 @@ function markSelected() {
     node.setAttribute("aria-selected", String(isSelected));
     if (!isSelected) return;
     setActive(i);
-    // Only the list moves; the page stays where it is.
     byId("list").scrollTop = node.offsetTop - byId("list").offsetTop - 60;
   });
 }

@@ -68,14 +68,18 @@ function histogram(title, names, counts, word) {
   const largest = Math.max(1, ...shown);
   const [width, height, top, bottom] = [420, 150, 18, 22];
   const room = width / Math.max(shown.length, 3);
+  // Names that would run into each other are given to every second bar, or fewer.
+  const size = shown.length > 8 ? 9.5 : 11;
+  const longest = Math.max(1, ...names.slice(first, last + 1).map((name) => name.length));
+  const every = Math.ceil((longest * size * 0.62) / room);
   const bars = shown.flatMap((n, i) => {
-    const size = (n / largest) * (height - top - bottom);
-    const [x, y] = [i * room, height - bottom - size];
+    const tall = (n / largest) * (height - top - bottom);
+    const [x, y] = [i * room, height - bottom - tall];
     const name = names[first + i];
     return [
-      svgElement("rect", { x: x + 2, y, width: room - 4, height: size, rx: 2 }, svgElement("title", {}, `${name}: ${count(n, word)}`)),
+      svgElement("rect", { x: x + 2, y, width: room - 4, height: tall, rx: 2 }, svgElement("title", {}, `${name}: ${count(n, word)}`)),
       svgElement("text", { x: x + room / 2, y: y - 5, "text-anchor": "middle" }, n ? whole(n) : ""),
-      svgElement("text", { x: x + room / 2, y: height - 6, "text-anchor": "middle" }, name),
+      svgElement("text", { x: x + room / 2, y: height - 6, "text-anchor": "middle", style: `font-size: ${size}px` }, (shown.length - 1 - i) % every ? "" : name),
     ];
   });
   const spoken = shown.map((n, i) => `${names[first + i]}: ${n}`).join(", ");
@@ -115,7 +119,7 @@ function showEnvironments() {
       return [
         new Cell(element("th", { ...span, scope: "rowgroup", class: "text" }, environment.name)),
         new Cell(element("td", { ...span, class: "number" }, whole(environment.n_episodes))),
-        new Cell(element("td", { ...span, class: "number" }, fixed(environment.n_steps / environment.n_episodes, 0))),
+        new Cell(element("td", { ...span, class: "number" }, whole(environment.n_steps / environment.n_episodes))),
         ...found,
       ];
     });

@@ -25,10 +25,10 @@ function showRanking() {
     element("option", { value: "" }, "all environments"),
     environments.map((name) => element("option", { value: name, selected: name === ranking.environment }, name)),
   );
-  const columns = [["", "number"], ["composite action", ""], ["change, sum", "number"], ["peak", "number"], ["environment", "text"], ["joint", "text"], ["where", "text"], ["steps", "number"], ["reward", "number"]];
+  const columns = [["", "number"], ["composite action", ""], ["change, sum", "number"], ["where", "place"], ["joint", "text"], ["environment", "text"], ["steps", "number"], ["peak", "number"], ["reward", "number"]];
   const more = rows.length - shown.length;
   byId("ranking").replaceChildren(
-    element("p", { class: "muted" }, "The sum of the state's change (E_n) over each composite action; the 20 strongest of each environment, at most 400 in all."),
+    element("p", { class: "muted" }, withSymbols("The sum of the state's change (E_n) over each composite action; the 20 strongest of each environment, at most 400 in all.")),
     element("div", { class: "pager" }, element("label", { for: "ranking-environment" }, "Of"), select),
     table("Strongest composite actions", columns, shown.map(rankedRow)),
     more > 0
@@ -41,7 +41,9 @@ function rankedRow(row, i) {
   const place = placeOf.get(row.episode);
   const range = `${whole(row.start)}–${whole(row.end)}`;
   const where = place === undefined ? range : element("a", { href: linkTo(place, row.joint, row.segment) }, `${nameOf(place)}, steps ${range}`);
-  return [whole(i + 1), sparkline(row), fixed(row.sum, 3), fixed(row.peak, 3), rankedEnvironment(row), jointName(row), where, whole(row.end - row.start), number(row.reward)];
+  // A link for the pointer; the keyboard has the one in words.
+  const picture = place === undefined ? sparkline(row) : element("a", { href: linkTo(place, row.joint, row.segment), tabindex: -1, "aria-hidden": "true" }, sparkline(row));
+  return [whole(i + 1), picture, fixed(row.sum, 3), where, jointName(row), rankedEnvironment(row), whole(row.end - row.start), fixed(row.peak, 3), number(row.reward)];
 }
 
 function sparkline(row) {
