@@ -32,6 +32,7 @@ const PARTS: &[(&str, &[&str])] = &[
             include_str!("assets/data.js"),
             include_str!("assets/theme.js"),
             include_str!("assets/overview.js"),
+            include_str!("assets/kinds.js"),
             include_str!("assets/charts.js"),
             include_str!("assets/episode.js"),
             include_str!("assets/list.js"),

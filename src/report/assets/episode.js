@@ -62,7 +62,7 @@ function buildEpisode() {
     target.append(element("p", { class: "info" }, "No composite action was found in this episode."));
     return;
   }
-  const readout = element("div", { class: "readout", id: "readout" }, element("span", { class: "muted" }, "Point at a chart, or focus one and press an arrow key, to read its values."));
+  const readout = element("div", { class: "readout", id: "readout" }, element("span", { class: "muted" }, "Point at a chart or tap it, or focus one and press an arrow key, to read its values."));
   view.box = element("div", { id: "charts" });
   // The readout stays in sight as long as a chart is.
   target.append(toolbar(trace), legend(trace), element("div", {}, readout, view.box), keysHelp(), segmentsTable(trace));
