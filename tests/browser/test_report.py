@@ -211,6 +211,15 @@ def test_on_a_phone_nothing_is_wider_than_the_screen(fixtures_report, show, frag
     assert page.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
 
 
+def test_a_finger_reads_values(fixtures_report, show):
+    page = show(fixtures_report, LINK, viewport=PHONE, has_touch=True, is_mobile=True)
+    area = plot(page, "change").area
+    area.scroll_into_view_if_needed()
+    box = area.bounding_box()
+    page.touchscreen.tap(box["x"] + 0.25 * box["width"], box["y"] + box["height"] / 2)
+    expect(page.locator("#readout [data-field=step]")).to_have_text("30")
+
+
 def test_the_colours_follow_the_system_until_the_button_is_pressed(fixtures_report, show):
     light, dark = "rgb(255, 255, 255)", "rgb(20, 23, 27)"
     page = show(fixtures_report, color_scheme="dark")
