@@ -1,6 +1,6 @@
 //! Makes the report: surveys, chooses, and writes the page and the figures.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -235,6 +235,7 @@ fn figures(
         order.retain(|e| options.episodes.iter().any(|q| q.matches(&e.key)));
     }
     let mut reader = results.steps();
+    let mut taken = HashSet::new();
     let mut written = Vec::new();
     for episode in order {
         let Some(steps) = reader.read(episode)? else {
@@ -245,13 +246,12 @@ fn figures(
             });
         };
         let svg = figure::svg(episode, &steps, results.parameters());
+        let stem = not_taken(&mut taken, &figure::file_stem(&episode.key));
         for (folder, is_png) in [(&options.svg, false), (&options.png, true)] {
             let Some(folder) = folder else { continue };
             fs::create_dir_all(folder).map_err(io_error(folder))?;
-            let path = folder.join(figure::file_name(
-                &episode.key,
-                if is_png { "png" } else { "svg" },
-            ));
+            let extension = if is_png { "png" } else { "svg" };
+            let path = folder.join(format!("{stem}.{extension}"));
             let content = if is_png {
                 figure::png(&svg, &path)?
             } else {
@@ -262,6 +262,17 @@ fn figures(
         }
     }
     Ok(written)
+}
+
+/// A name that no figure has yet: names of episodes may differ in what a file's name cannot have.
+fn not_taken(taken: &mut HashSet<String>, stem: &str) -> String {
+    let mut name = stem.to_owned();
+    let mut n = 1;
+    while !taken.insert(name.clone()) {
+        n += 1;
+        name = format!("{stem}-{n}");
+    }
+    name
 }
 
 fn temporary(path: &Path) -> PathBuf {

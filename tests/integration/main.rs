@@ -28,6 +28,7 @@ mod hostile_runs;
 mod layouts;
 mod read_ahead;
 mod recording;
+mod report;
 mod results;
 mod show;
 mod support;

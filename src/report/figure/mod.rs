@@ -73,7 +73,7 @@ pub(super) fn svg(episode: &EpisodeRow, steps: &EpisodeSteps, parameters: &Param
 }
 
 /// `RECORDING_EPISODE`, of characters that every file system takes.
-pub(super) fn file_name(key: &EpisodeKey, extension: &str) -> String {
+pub(super) fn file_stem(key: &EpisodeKey) -> String {
     let id = key
         .episode_id
         .as_deref()
@@ -95,7 +95,7 @@ pub(super) fn file_name(key: &EpisodeKey, extension: &str) -> String {
             .collect()
     };
     let mut name = safe(stem);
-    let _infallible = write!(name, "_{}.{extension}", safe(&id));
+    let _infallible = write!(name, "_{}", safe(&id));
     // A name that begins with a dot would be hidden.
     name.trim_start_matches('.').to_owned()
 }
@@ -319,6 +319,6 @@ mod tests {
             episode: 2,
             episode_id: Some("x/../y".into()),
         };
-        assert_eq!(file_name(&key, "svg"), "_a_b_ü_x_.._y.svg");
+        assert_eq!(file_stem(&key), "_a_b_ü_x_.._y");
     }
 }
