@@ -11,9 +11,9 @@ const MAX_UNROLLED: usize = 16;
 /// Values that a kernel reads, and makes no use of, behind those of its last window.
 pub(super) const PADDING: usize = 2 * MAX_UNROLLED;
 
-/// Windows of a large block of the kernel of narrow windows. Large enough for sorted values to be in the cache before
-/// they are read at another offset: a processor waits where a load overlaps two stores that are still under way.
-const MANY: usize = 512;
+/// Windows that the kernel of narrow windows takes at a time. Enough for sorted values to be in the cache before they
+/// are read at another offset (a load waits for stores under way that it overlaps), few enough for short episodes.
+const MANY: usize = 128;
 
 /// Lanes of its sorted values: those of the windows, and W more.
 const SPAN: usize = MANY + MAX_UNROLLED;
@@ -125,24 +125,25 @@ macro_rules! add_least {
             rows: &mut Rows<$lane>,
             sums: &mut [u32],
         ) {
-            match width {
-                2 => unrolled::<$lane, 2>(x, limits, sums),
-                3 => unrolled::<$lane, 3>(x, limits, sums),
-                4 => unrolled::<$lane, 4>(x, limits, sums),
-                5 => unrolled::<$lane, 5>(x, limits, sums),
-                6 => unrolled::<$lane, 6>(x, limits, sums),
-                7 => unrolled::<$lane, 7>(x, limits, sums),
-                8 => unrolled::<$lane, 8>(x, limits, sums),
-                9 => unrolled::<$lane, 9>(x, limits, sums),
-                10 => unrolled::<$lane, 10>(x, limits, sums),
-                11 => unrolled::<$lane, 11>(x, limits, sums),
-                12 => unrolled::<$lane, 12>(x, limits, sums),
-                13 => unrolled::<$lane, 13>(x, limits, sums),
-                14 => unrolled::<$lane, 14>(x, limits, sums),
-                15 => unrolled::<$lane, 15>(x, limits, sums),
-                16 => unrolled::<$lane, 16>(x, limits, sums),
-                _ => rolled(x, width, limits, rows, sums),
-            }
+            let n_done = match (width, limits) {
+                (2, None) => unrolled::<$lane, 2>(x, sums),
+                (3, None) => unrolled::<$lane, 3>(x, sums),
+                (4, None) => unrolled::<$lane, 4>(x, sums),
+                (5, None) => unrolled::<$lane, 5>(x, sums),
+                (6, None) => unrolled::<$lane, 6>(x, sums),
+                (7, None) => unrolled::<$lane, 7>(x, sums),
+                (8, None) => unrolled::<$lane, 8>(x, sums),
+                (9, None) => unrolled::<$lane, 9>(x, sums),
+                (10, None) => unrolled::<$lane, 10>(x, sums),
+                (11, None) => unrolled::<$lane, 11>(x, sums),
+                (12, None) => unrolled::<$lane, 12>(x, sums),
+                (13, None) => unrolled::<$lane, 13>(x, sums),
+                (14, None) => unrolled::<$lane, 14>(x, sums),
+                (15, None) => unrolled::<$lane, 15>(x, sums),
+                (16, None) => unrolled::<$lane, 16>(x, sums),
+                _ => 0,
+            };
+            rolled(&x[n_done..], width, limits, rows, &mut sums[n_done..]);
         }
     };
 }
@@ -150,28 +151,19 @@ macro_rules! add_least {
 add_least!(add_least_16, u16);
 add_least!(add_least_32, u32);
 
-/// The kernel of narrow windows: blocks of many windows, and what is left in blocks of few.
+/// The kernel of narrow windows takes large blocks; what is left, and windows with limits, that of wide ones.
 #[expect(
     clippy::inline_always,
     reason = "must be compiled with the features of its caller"
 )]
 #[inline(always)]
-fn unrolled<C: Lane, const W: usize>(x: &[C], limits: Option<&[u32]>, sums: &mut [u32]) {
+fn unrolled<C: Lane, const W: usize>(x: &[C], sums: &mut [u32]) -> usize {
     let mut sorted = [Row([C::default(); SPAN]); W];
-    let n_many = if limits.is_none() {
-        sums.len() / MANY * MANY
-    } else {
-        0
-    };
-    let (many, few) = sums.split_at_mut(n_many);
-    for (block, sums) in many.as_chunks_mut::<MANY>().0.iter_mut().enumerate() {
-        add_block::<C, W, MANY>(&x[block * MANY..], None, &mut sorted, sums);
+    let blocks = sums.as_chunks_mut::<MANY>().0;
+    for (block, sums) in blocks.iter_mut().enumerate() {
+        add_block::<C, W>(&x[block * MANY..], &mut sorted, sums);
     }
-    for (block, sums) in few.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
-        let start = n_many + block * LANES;
-        let limits = limits.and_then(|limits| limits[start..].first_chunk::<LANES>());
-        add_block::<C, W, LANES>(&x[start..], limits, &mut sorted, sums);
-    }
+    blocks.len() * MANY
 }
 
 /// Repeats a block for `$i` = 0..[`MAX_UNROLLED`], each time a constant. Loops that the compiler unrolls itself keep it
@@ -193,7 +185,7 @@ macro_rules! unroll {
 struct Row<C>([C; SPAN]);
 
 #[repr(align(64))]
-struct Aligned<C, const L: usize>([C; L]);
+struct Aligned<C>([C; MANY]);
 
 /// Row i of `sorted` holds, for each lane l, the i-th of the sorted values `x[l..=l + j]`. What the window of lane l has
 /// behind is what that of lane l + W has in front: each value is inserted once for both.
@@ -204,18 +196,12 @@ struct Aligned<C, const L: usize>([C; L]);
     reason = "must be compiled with the features of its caller; 0 is one of the constants; rows share an index"
 )]
 #[inline(always)]
-fn add_block<C: Lane, const W: usize, const L: usize>(
-    x: &[C],
-    limits: Option<&[u32; L]>,
-    sorted: &mut [Row<C>; W],
-    sums: &mut [u32; L],
-) {
-    let span = L + MAX_UNROLLED;
-    let mut least = Aligned([C::MAX; L]);
+fn add_block<C: Lane, const W: usize>(x: &[C], sorted: &mut [Row<C>; W], sums: &mut [u32; MANY]) {
+    let mut least = Aligned([C::MAX; MANY]);
     unroll!(J, {
         if J < W {
-            let values = &x[J..][..span];
-            for l in 0..span {
+            let values = &x[J..][..SPAN];
+            for l in 0..SPAN {
                 let mut carry = values[l];
                 unroll!(I, {
                     if I < J {
@@ -226,22 +212,19 @@ fn add_block<C: Lane, const W: usize, const L: usize>(
                 });
                 sorted[J].0[l] = carry;
             }
-            for l in 0..L {
+            for l in 0..MANY {
                 let mut distance = C::default();
                 unroll!(I, {
                     if I <= J {
                         distance = distance.plus(sorted[I].0[l].distance(sorted[I].0[l + W]));
                     }
                 });
-                let reached = limits.is_none_or(|limits| J < limits[l] as usize);
-                let nearer = distance.min(least.0[l]);
-                least.0[l] = if reached { nearer } else { least.0[l] };
+                least.0[l] = least.0[l].min(distance);
             }
         }
     });
-    for l in 0..L {
-        let is_step = limits.is_none_or(|limits| limits[l] > 0);
-        sums[l] += if is_step { least.0[l].to_u32() } else { 0 };
+    for l in 0..MANY {
+        sums[l] += least.0[l].to_u32();
     }
 }
 
