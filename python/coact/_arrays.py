@@ -27,10 +27,10 @@ Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int32]
 Bools = npt.NDArray[np.bool_]
 
-# The most values that the reader takes from one step (MAX_VECTOR_WIDTH).
-MAX_COLUMNS = 1 << 20
-# The episode is in memory already: a bound on its bytes would protect nothing.
-NO_LIMIT = 1 << 62
+# The reader takes messages of 2^20 values, which the step's number and its like are among.
+MAX_COLUMNS = (1 << 20) - 8
+# How the recording is read; the episode is in memory already, so a bound on its bytes would protect nothing.
+READING = ["--action=/step:action", "--state=/step:state", "--episodes=recording", f"--max-episode={1 << 62}"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -128,7 +128,7 @@ def extract_arrays(
         recording, output = Path(folder, "arrays.mcap"), Path(folder, "out")
         write_episode(recording, action_rows, state_rows, reward_rows)
         method = flags(cast(Mapping[str, object], options))
-        run(["extract", str(recording), "--output", str(output), "--quiet", f"--max-episode={NO_LIMIT}", *method])
+        run(["extract", str(recording), "--output", str(output), "--quiet", *READING, *method])
         (episode,) = read_table(output, "episodes").to_pylist()
         if episode["status"] not in ("ok", "too_short"):
             raise ValueError(f"the episode was not taken whole: {episode['reason']}")
@@ -151,8 +151,6 @@ def rows_of(name: str, values: npt.ArrayLike) -> Floats:
     if array.ndim == 0 or array.size == 0:
         raise ValueError(f"{name}: expected (n_steps,) or (n_steps, n_columns) with at least one, found {array.shape}")
     doubles = array.reshape(len(array), -1).astype(np.float64)
-    if doubles.shape[1] > MAX_COLUMNS:
-        raise ValueError(f"{name}: {doubles.shape[1]} values a step; at most {MAX_COLUMNS} are taken")
     bad = np.argwhere(~np.isfinite(doubles))
     if len(bad):
         step, column = bad[0]
@@ -165,6 +163,9 @@ def check_together(actions: Floats, states: Floats, rewards: Floats | None) -> N
     if len(actions) != len(states):
         hint = "; leave out the last state, which no action was chosen from" if len(states) == len(actions) + 1 else ""
         raise ValueError(f"actions have {len(actions)} steps, states {len(states)}{hint}")
+    n_columns = actions.shape[1] + states.shape[1]
+    if n_columns > MAX_COLUMNS:
+        raise ValueError(f"{n_columns} values a step in actions and states: at most {MAX_COLUMNS} are taken")
     if rewards is not None and rewards.shape != (len(actions), 1):
         raise ValueError(f"rewards: expected one for each of the {len(actions)} steps, found {rewards.shape}")
 

@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from decimal import Decimal
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, TypedDict, Unpack, cast
 
@@ -103,7 +104,7 @@ def extract(
     """
     arguments = flags(cast(Mapping[str, object], options))
     if output is not None:
-        arguments += ["--output", os.fspath(output)]
+        arguments.append(f"--output={os.fspath(output)}")
     inputs = [os.fspath(path) for path in ([paths] if isinstance(paths, str | os.PathLike) else paths)]
     done = run(["extract", "--summary", "json", "--progress", "never", *arguments, "--", *inputs])
     return Run(
@@ -138,4 +139,5 @@ def text(name: str, value: object) -> str:
         plain = os.fspath(plain)
     if isinstance(plain, bool) or not isinstance(plain, str | int | float):
         raise TypeError(f"option {name!r}: expected text or a number, found {value!r}")
-    return plain if isinstance(plain, str) else repr(plain)
+    # All digits, and no exponent, which not every flag takes.
+    return plain if isinstance(plain, str) else f"{Decimal(repr(plain)):f}"
