@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# All tests: the Rust tests, then the Python tests against the binary, in a virtual environment of their own.
+# All tests: the Rust tests, then the Python tests against the binary, in a virtual environment of their own, then those
+# of the wheel.
 # Needs Rust and Python 3.11 or newer, nothing else. Example: scripts/test.sh
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -19,3 +20,4 @@ fi
 cargo build --locked --release
 target=$(realpath "${CARGO_TARGET_DIR:-target}")
 COACT="$target/release/coact" "$venv/bin/python" -m pytest -q tests/python
+scripts/test_wheel.sh

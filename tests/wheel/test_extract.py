@@ -70,7 +70,7 @@ def test_every_kind_of_option_arrives(fixtures: Path, tmp_path: Path) -> None:
         "max-record": "1MiB",
         "steps": "none",
     }
-    assert run["coact.state"] == "/step:state[0] /step:state[2]"
+    assert json.loads(run["coact.state"]) == ["/step:state[0]", "/step:state[2]"]
     assert run["coact.max-age"] == "0.00001"
     assert len(list((tmp_path / "events").iterdir())) == 2
 
