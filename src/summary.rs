@@ -132,6 +132,9 @@ pub struct RunSummary {
     /// Something of those was refused, recovered or incomplete.
     #[serde(skip)]
     is_unclean_before: bool,
+    /// It is one shard of a run; that no episode came of it says nothing of the run.
+    #[serde(skip)]
+    is_part_of_run: bool,
     /// Steps used.
     pub n_steps: u64,
     /// Steps read and not used.
@@ -257,13 +260,19 @@ impl RunSummary {
 
     /// How the run ended, which decides the exit code.
     pub fn outcome(&self) -> RunOutcome {
-        if self.episodes.values().sum::<u64>() + self.n_episodes_before == 0 {
+        let n_episodes = self.episodes.values().sum::<u64>() + self.n_episodes_before;
+        if n_episodes == 0 && !self.is_part_of_run {
             RunOutcome::Failed
         } else if self.remarks.is_empty() && !self.is_unclean_before {
             RunOutcome::Done
         } else {
             RunOutcome::Partial
         }
+    }
+
+    /// Says that this is one shard of a run.
+    pub fn set_part_of_run(&mut self) {
+        self.is_part_of_run = true;
     }
 
     /// Sets how much of the wall time was waiting for the disk.
