@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 StrPath: TypeAlias = str | os.PathLike[str]
 Engine: TypeAlias = Literal["polars", "pandas", "pyarrow"]
 
-COMMIT_NAME = re.compile(r"(\d{5}-\d{5})\.json")
+# Of shard and number. A commit names parts of its own shard.
+COMMIT_NAME = re.compile(r"(\d{5})-\d{5}\.json")
 
 
 class TableReader:
@@ -98,11 +99,11 @@ def committed_parts(directory: Path, table: str) -> list[Path]:
         raise FileNotFoundError(f"{directory} holds no run of coact extract")
     parts = []
     for commit in sorted((directory / "_coact" / "commits").glob("*.json")):
-        if found := COMMIT_NAME.fullmatch(commit.name):
-            # The name is known: what a commit says is compared with it, and never followed elsewhere.
-            part = f"{table}/part-{found[1]}.parquet"
-            if part in json.loads(commit.read_text(encoding="utf-8"))["parts"]:
-                parts.append(directory / part)
+        if of_shard := COMMIT_NAME.fullmatch(commit.name):
+            # A name is taken for nothing else, so that none is followed elsewhere.
+            part = re.compile(rf"{table}/part-{of_shard[1]}-\d{{5}}\.parquet")
+            named = json.loads(commit.read_text(encoding="utf-8"))["parts"]
+            parts += [directory / path for path in named if part.fullmatch(path)]
     if not parts:
         raise FileNotFoundError(f"{directory} has no rows in {table}: {reason(directory, table)}")
     return parts
