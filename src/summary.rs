@@ -179,6 +179,14 @@ struct Current {
 const NAMED_INCOMPLETE: usize = 3;
 
 impl RunSummary {
+    /// Of a run, or of one shard of it.
+    pub fn of(is_part_of_run: bool) -> Self {
+        Self {
+            is_part_of_run,
+            ..Self::default()
+        }
+    }
+
     /// Counts one episode. Its recording's row must follow, after all its episodes.
     pub fn add_episode(&mut self, episode: &Episode, outcome: &Outcome) {
         let status = EpisodeStatus::of(episode, outcome);
@@ -268,11 +276,6 @@ impl RunSummary {
         } else {
             RunOutcome::Partial
         }
-    }
-
-    /// Says that this is one shard of a run.
-    pub fn set_part_of_run(&mut self) {
-        self.is_part_of_run = true;
     }
 
     /// Sets how much of the wall time was waiting for the disk.

@@ -235,14 +235,14 @@ impl FinishArgs {
         let mut told = format!("coact: {} is not complete\n", self.directory.display());
         for lacking in shards {
             let names: Vec<&str> = lacking.missing.iter().map(|name| &**name).collect();
-            let named = names[..names.len().min(NAMED_MISSING)].join(", ");
+            let first = names[..names.len().min(NAMED_MISSING)].join(", ");
             let more = match names.len() - names.len().min(NAMED_MISSING) {
                 0 => String::new(),
                 n => format!(", and {n} more"),
             };
             let _infallible = writeln!(
                 told,
-                "shard {}: {} of {} recordings missing: {named}{more}",
+                "shard {}: {} of {} recordings missing: {first}{more}",
                 lacking.shard,
                 names.len(),
                 lacking.n_planned

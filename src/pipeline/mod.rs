@@ -100,7 +100,7 @@ pub fn run(
             return written(config, output, &inputs, on_progress, interrupt);
         }
         let jobs = resume::all(&inputs);
-        let mut summary = RunSummary::default();
+        let mut summary = RunSummary::of(config.shard.is_some());
         let mut outputs = Outputs {
             tables: None,
             events: events_writer(config, &inputs),
@@ -131,10 +131,7 @@ fn written(
     let options = plan::table_options(config);
     let mut directory = OutputDirectory::open(output, &options, config.overwrite)?;
     let mut work = resume::work(inputs, &mut directory)?;
-    let mut summary = RunSummary::default();
-    if config.shard.is_some() {
-        summary.set_part_of_run();
-    }
+    let mut summary = RunSummary::of(config.shard.is_some());
     for done in &work.before {
         summary.add_done_before(done.n_episodes, done.clean);
     }

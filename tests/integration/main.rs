@@ -29,6 +29,8 @@ mod layouts;
 mod read_ahead;
 mod recording;
 mod results;
+#[cfg(unix)]
+mod shards;
 mod show;
 mod support;
 mod tables;
