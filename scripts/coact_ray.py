@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # /// script
 # requires-python = ">=3.11"
-# dependencies = ["coact", "ray[data]==2.60.0"]
+# dependencies = ["aiohttp==3.14.5", "coact", "ray[data]==2.60.0"]  # aiohttp: Ray Data fails by chance without it
 # ///
 """Extract composite actions on a Ray cluster: plan, one task a shard, finish.
 
@@ -113,8 +113,8 @@ def run_plan(
 
 
 def dataset_of(output: Path, table: str) -> ray.data.Dataset:
-    """The committed parts of a table."""
-    parts = [str(part) for part in sorted((output / table).glob("part-*.parquet"))]
+    """The rows of a table. They come in no order: sort by the key where that matters."""
+    parts = [str(part) for part in coact.committed_parts(output, table)]
     return ray.data.read_parquet(parts, partitioning=None)
 
 
@@ -261,6 +261,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     outcome = run_shards(plan)
     tell(told(outcome))
     if args.dataset and outcome.exit_code in (DONE, DONE_WITH_LOSSES):
+        ray.data.DataContext.get_current().enable_progress_bars = False
         dataset = dataset_of(plan.output, args.dataset)
         print(f"{dataset.schema()}\n{dataset.count():,} rows")
     return outcome.exit_code

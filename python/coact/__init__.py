@@ -10,7 +10,7 @@ from importlib.metadata import version
 from coact._arrays import Extraction, JointExtraction, Segments, Series, extract_arrays
 from coact._binary import Error, binary
 from coact._extract import ExtractOptions, MethodOptions, Run, extract
-from coact._tables import read_episodes, read_recordings, read_segments, read_steps
+from coact._tables import committed_parts, read_episodes, read_recordings, read_segments, read_steps
 
 __all__ = [
     "Error",
@@ -22,6 +22,7 @@ __all__ = [
     "Segments",
     "Series",
     "binary",
+    "committed_parts",
     "extract",
     "extract_arrays",
     "read_episodes",

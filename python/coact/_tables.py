@@ -93,8 +93,9 @@ def read_table(directory: Path, table: str, columns: Sequence[str] | None = None
     )
 
 
-def committed_parts(directory: Path, table: str) -> list[Path]:
-    """The parts of a table that commits name, in the order of their rows."""
+def committed_parts(directory: StrPath, table: str) -> list[Path]:
+    """The Parquet files of a table that commits name, in the order of their rows: for readers of other libraries."""
+    directory = Path(directory)
     if not (directory / "_coact" / "run.json").is_file():
         raise FileNotFoundError(f"{directory} holds no run of coact extract")
     parts = []
