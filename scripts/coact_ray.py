@@ -195,9 +195,9 @@ def run_shard(plan: Plan, shard: int) -> str:
         raise ShardError(f"exit code {done.returncode}: {said[-1] if said else 'nothing said'}")
     summary = json.loads(done.stdout)
     counts = f"{sum(summary['recordings'].values())} recordings, {summary['n_steps']:,} steps"
+    took = f"{time.monotonic() - began:.1f} s on node {ray.get_runtime_context().get_node_id()[:8]}"
     losses = ", with losses" if done.returncode == DONE_WITH_LOSSES else ""
-    node = ray.get_runtime_context().get_node_id()[:8]
-    return f"{counts}, {summary['n_segments']:,} composite actions in {time.monotonic() - began:.1f} s{losses} on {node}"
+    return f"{counts}, {summary['n_segments']:,} composite actions in {took}{losses}"
 
 
 # The command line -----------------------------------------------------------------------------------------------------

@@ -1,18 +1,20 @@
 #!/usr/bin/env python3
 """Hold a run on a Ray cluster, one of whose workers is killed, against the same run by one process.
 
-Input: recordings; needs ray, the wheel of coact and polars (scripts/test_ray.sh installs them). Linux.
+Input: recordings, to which some generated ones are added. Needs ray, mcap, polars and the wheel of coact, as
+scripts/test_ray.sh installs them. Linux.
 Output: what coact_ray.py says, then one line for each table with the number of equal rows. Exit code 1 if rows differ.
 
 The cluster has two nodes on this machine. One shard is made to stop as soon as it has committed its first part; then
 its worker gets SIGKILL. So the kill always falls into the middle of a shard, on a machine of any speed.
 
-Example: ray_check.py fixtures generated --shards 8
+Example: ray_check.py fixtures --shards 8
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import os
 import shlex
@@ -24,9 +26,10 @@ import threading
 import time
 from pathlib import Path
 
-import polars as pl
+import numpy as np
 import ray
 import ray.data
+from mcap.writer import Writer
 from ray.cluster_utils import Cluster
 
 import coact
@@ -34,6 +37,7 @@ import coact_ray
 
 # Small parts, so that the shard that is killed has one and lacks others.
 OPTIONS = ["--max-part-rows=2000"]
+EPISODE_STEPS = 500
 TABLES = {
     coact.read_segments: ["recording", "episode", "joint", "segment"],
     coact.read_steps: ["recording", "episode", "joint", "step"],
@@ -50,6 +54,7 @@ def main() -> int:
 
     with tempfile.TemporaryDirectory(prefix="coact-ray-") as folder:
         work = Path(folder)
+        args.inputs.append(generated(work / "generated"))
         local = coact.extract([path.absolute() for path in args.inputs], work / "local")
         cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
         cluster.add_node(num_cpus=1)
@@ -72,12 +77,29 @@ def main() -> int:
     return 0
 
 
+def generated(folder: Path) -> Path:
+    """Recordings of one length, and one that is much larger and has many episodes."""
+    folder.mkdir()
+    rng = np.random.default_rng(1)
+    for number, n_episodes in enumerate([2, 2, 2, 2, 2, 2, 60]):
+        with (folder / f"{number}.mcap").open("wb") as file:
+            writer = Writer(file)
+            writer.start()
+            channel = writer.register_channel("/step", "json", schema_id=0)
+            for episode, step in itertools.product(range(n_episodes), range(EPISODE_STEPS)):
+                values = {"action": int(rng.integers(4)), "state": rng.standard_normal(8).tolist()}
+                data = json.dumps({"episode": episode, "step": step, **values}).encode()
+                writer.add_message(channel, log_time=step, data=data, publish_time=step)
+            writer.finish()
+    return folder
+
+
 def run_with_a_kill(args: argparse.Namespace, work: Path) -> int:
     """Runs the plan, and kills the worker of one shard in the middle of it."""
     output = work / "on_ray"
     # The shard with the most bytes is the one that has several parts for certain.
-    command = ["plan", "--output", output, f"--shards={args.shards}", *OPTIONS, "--", *map(os.path.abspath, args.inputs)]
-    subprocess.run([coact.binary(), *command], check=True, capture_output=True)
+    shares = ["--output", output, f"--shards={args.shards}", *OPTIONS]
+    subprocess.run([coact.binary(), "plan", *shares, "--", *args.inputs], check=True, capture_output=True)
     victim = largest_shard(output)
     stand_in, stopped = work / "coact", work / "stopped"
     stand_in.write_text(stopping(victim, args.shards, output, stopped))

@@ -12,12 +12,6 @@ pip() { "$work/venv/bin/python" -m pip install --quiet --disable-pip-version-che
 "$python" -m venv "$work/venv"
 pip "$(grep '^maturin==' scripts/requirements-wheel.txt)"
 "$work/venv/bin/maturin" build --quiet --release --out "$work/wheels"
-pip -c scripts/requirements.txt "$work"/wheels/*.whl polars -r scripts/requirements-ray.txt
+pip -c scripts/requirements.txt "$work"/wheels/*.whl mcap polars -r scripts/requirements-ray.txt
 
-cargo build --quiet --locked --release --example generate_recording
-generate=$(realpath "${CARGO_TARGET_DIR:-target}")/release/examples/generate_recording
-mkdir "$work/generated"
-"$generate" many 20 "$work/generated/many"
-"$generate" json 40 "$work/generated/large.mcap"
-
-RAY_USAGE_STATS_ENABLED=0 "$work/venv/bin/python" scripts/ray_check.py fixtures "$work/generated" --shards 8
+RAY_USAGE_STATS_ENABLED=0 "$work/venv/bin/python" scripts/ray_check.py fixtures --shards 8

@@ -53,9 +53,7 @@ class TableReader:
     ) -> pyarrow.Table: ...
     @overload
     def __call__(self, directory: StrPath, engine: None = None, columns: Sequence[str] | None = None) -> Any: ...
-    def __call__(
-        self, directory: StrPath, engine: Engine | None = None, columns: Sequence[str] | None = None
-    ) -> Any:
+    def __call__(self, directory: StrPath, engine: Engine | None = None, columns: Sequence[str] | None = None) -> Any:
         engine = engine or installed_engine()
         if engine not in get_args(Engine):
             raise ValueError(f"engine {engine!r}: expected one of {', '.join(get_args(Engine))}")
@@ -88,9 +86,7 @@ def read_table(directory: Path, table: str, columns: Sequence[str] | None = None
 
     parts = committed_parts(directory, table)
     # By path and without partitions: what the directory above is called must not become a column.
-    return pyarrow.concat_tables(
-        pyarrow.parquet.read_table(part, columns=columns, partitioning=None) for part in parts
-    )
+    return pyarrow.concat_tables(pyarrow.parquet.read_table(part, columns=columns, partitioning=None) for part in parts)
 
 
 def committed_parts(directory: StrPath, table: str) -> list[Path]:

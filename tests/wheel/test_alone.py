@@ -63,9 +63,7 @@ def test_an_interrupt_is_passed_on(tmp_path: Path) -> None:
     ready, asked, stand_in = tmp_path / "ready", tmp_path / "asked", tmp_path / "coact"
     os.mkfifo(ready)
     # It says when it listens, and works for ever.
-    stand_in.write_text(
-        f"#!/bin/sh\ntrap 'touch {asked}; exit 130' INT\necho > {ready}\nwhile :; do sleep 0.1; done\n"
-    )
+    stand_in.write_text(f"#!/bin/sh\ntrap 'touch {asked}; exit 130' INT\necho > {ready}\nwhile :; do sleep 0.1; done\n")
     stand_in.chmod(0o755)
     script = f"""
 import os, pathlib, signal, subprocess, coact, coact._binary
@@ -79,9 +77,7 @@ subprocess.Popen.communicate = interrupted
 coact._binary.binary = lambda: pathlib.Path({str(stand_in)!r})
 coact.extract("recordings", "out")
 """
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False
-    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False)
     assert "KeyboardInterrupt" in done.stderr
     assert done.returncode == -signal.SIGINT
     assert asked.exists()

@@ -140,7 +140,13 @@ def test_an_episode_too_short_says_so() -> None:
         (["a", "b"], [1, 2], None, TypeError, r"actions: expected real numbers, found an array of <U1"),
         ([1j, 2j], [1, 2], None, TypeError, r"actions: expected real numbers"),
         ([None, 1], [1, 2], None, TypeError, r"actions: expected real numbers"),
-        ([0], np.zeros((1, 1 << 20)), None, ValueError, r"1048577 values a step in actions and states: at most 1048568"),
+        (
+            [0],
+            np.zeros((1, 1 << 20)),
+            None,
+            ValueError,
+            r"1048577 values a step in actions and states: at most 1048568",
+        ),
     ],
 )
 def test_arrays_that_do_not_fit_are_told(
