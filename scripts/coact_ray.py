@@ -120,10 +120,9 @@ def dataset_of(output: Path, table: str) -> ray.data.Dataset:
 
 def make_plan(plan: Plan, inputs: Sequence[str | os.PathLike[str]], options: Sequence[str]) -> None:
     """Shares the recordings out among shards. The same plan again keeps what is done."""
-    paths = [os.path.abspath(path) for path in inputs]
     shares = [f"--output={plan.output}", f"--shards={plan.n_shards}"]
     done = subprocess.run(
-        [plan.command or coact.binary(), "plan", *shares, *options, "--", *paths],
+        [plan.command or coact.binary(), "plan", *shares, *options, "--", *inputs],
         capture_output=True,
         text=True,
         check=False,
