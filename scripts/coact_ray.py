@@ -42,8 +42,9 @@ import coact
 
 DONE, FAILED, DONE_WITH_LOSSES = 0, 1, 3
 
-# Runs the command in the place of this interpreter, and has the kernel end it with the worker. A worker that is killed
-# would else leave its command running, which holds the shard's lock against the next try.
+# Runs the command in the place of this interpreter, and has the kernel end it with the worker. Ray ends what a dead
+# worker leaves running, too, but not where it dies itself; the command would then hold the shard's lock against the
+# next try.
 LAUNCH = """
 import ctypes, os, signal, sys
 if sys.platform == "linux":
