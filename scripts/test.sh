@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# All tests: the Rust tests, then the Python tests against the binary, in a virtual environment of their own, then the
-# report in a browser. Needs Rust and Python 3.11 or newer, nothing else. Example: scripts/test.sh
+# All tests: the Rust tests, then the Python tests against the binary, in a virtual environment of their own, then those
+# of the wheel, then the report in a browser.
+# Needs Rust and Python 3.11 or newer, nothing else. Example: scripts/test.sh
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -11,6 +12,7 @@ scripts/venv.sh "$venv" scripts/requirements.txt
 cargo build --locked --release
 target=$(realpath "${CARGO_TARGET_DIR:-target}")
 COACT="$target/release/coact" "$venv/bin/python" -m pytest -q tests/python
+scripts/test_wheel.sh
 
 if scripts/test_browser.sh; then :; else
     status=$?

@@ -15,6 +15,8 @@ use coact::summary::RunOutcome;
 fn main() -> ExitCode {
     let code = match Cli::parse().command {
         Command::Extract(args) => extract(*args),
+        Command::Plan(args) => plan(*args),
+        Command::Finish(args) => finish(&args),
         Command::Inspect(args) => inspect(&args),
         Command::Compare(args) => compare(&args),
         Command::Show(args) => show(&args),
@@ -45,7 +47,7 @@ fn extract(args: cli::ExtractArgs) -> u8 {
     };
     let display = ProgressDisplay::new(progress);
     let interrupt = Arc::new(Interrupt::default());
-    let signals = Signals::watch(&interrupt, config.output.clone(), config.events.clone());
+    let signals = Signals::watch(&interrupt, config.tables(), config.events.clone());
     let result = pipeline::run(&config, &|p| display.update(p), &interrupt);
     display.finish();
     let summary = match result {
@@ -67,6 +69,28 @@ fn extract(args: cli::ExtractArgs) -> u8 {
         return fail("no episode came out", code);
     }
     code
+}
+
+fn plan(args: cli::PlanArgs) -> u8 {
+    let request = match args.request() {
+        Ok(request) => request,
+        Err(message) => return fail(&message, exit::USAGE),
+    };
+    match pipeline::plan(&request.config, request.options.clone(), request.n_shards) {
+        Ok(planned) => print(request.told(&planned).as_bytes(), exit::DONE),
+        Err(e) => fail(&e.to_string(), code_of(&e)),
+    }
+}
+
+fn finish(args: &cli::FinishArgs) -> u8 {
+    match pipeline::finish(&args.directory) {
+        Ok(finish) => {
+            let (result, diagnostic, code) = args.told(&finish);
+            tell(&diagnostic);
+            print(result.as_bytes(), code)
+        }
+        Err(e) => fail(&e.to_string(), code_of(&e)),
+    }
 }
 
 fn inspect(args: &cli::InspectArgs) -> u8 {

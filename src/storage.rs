@@ -158,15 +158,36 @@ impl Storage {
         temporary: &Path,
         path: &Path,
     ) -> Result<(), StorageError> {
-        self.check()
-            .and_then(|()| self.sync_time.sync(&file.file))
-            .map_err(StorageError::io("sync", temporary))?;
-        drop(file);
+        self.sync(file, temporary)?;
         self.check()
             .and_then(|()| fs::rename(temporary, path))
             .map_err(StorageError::io("rename to", path))?;
         path.parent()
             .map_or(Ok(()), |above| self.sync_folder(above))
+    }
+
+    /// The same where several machines may write: a name that is taken is an error of kind `AlreadyExists`, and what
+    /// stands there stays.
+    pub(crate) fn commit_new(
+        &self,
+        file: NewFile,
+        temporary: &Path,
+        path: &Path,
+    ) -> Result<(), StorageError> {
+        self.sync(file, temporary)?;
+        self.check()
+            .and_then(|()| rename_new(temporary, path))
+            .map_err(StorageError::io("create", path))?;
+        path.parent()
+            .map_or(Ok(()), |above| self.sync_folder(above))
+    }
+
+    fn sync(&self, file: NewFile, path: &Path) -> Result<(), StorageError> {
+        self.check()
+            .and_then(|()| self.sync_time.sync(&file.file))
+            .map_err(StorageError::io("sync", path))?;
+        drop(file);
+        Ok(())
     }
 
     /// Writes a small file whole; what stands there already stays until the new one is complete.
@@ -176,10 +197,33 @@ impl Storage {
         temporary: &Path,
         content: &[u8],
     ) -> Result<(), StorageError> {
+        self.write_small(temporary, content, |file| {
+            self.commit(file, temporary, path)
+        })
+    }
+
+    /// The same for a name that must not be taken.
+    pub(crate) fn write_whole_new(
+        &self,
+        path: &Path,
+        temporary: &Path,
+        content: &[u8],
+    ) -> Result<(), StorageError> {
+        self.write_small(temporary, content, |file| {
+            self.commit_new(file, temporary, path)
+        })
+    }
+
+    fn write_small(
+        &self,
+        temporary: &Path,
+        content: &[u8],
+        commit: impl FnOnce(NewFile) -> Result<(), StorageError>,
+    ) -> Result<(), StorageError> {
         let written = self.create(temporary).and_then(|mut file| {
             file.write_all(content)
                 .map_err(StorageError::io("write", temporary))?;
-            self.commit(file, temporary, path)
+            commit(file)
         });
         if written.is_err() {
             // What is left of it is of no use; the next run would remove it too.
@@ -209,6 +253,40 @@ impl Storage {
         } else {
             Ok(())
         }
+    }
+}
+
+/// Renames a file unless the new name is taken.
+fn rename_new(temporary: &Path, path: &Path) -> io::Result<()> {
+    match fs::hard_link(temporary, path) {
+        Ok(()) => {}
+        // A server that was asked twice, because its answer was lost, says so too.
+        Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {
+            if !is_same_file(temporary, path) {
+                return Err(e);
+            }
+        }
+        Err(e) if e.kind() == io::ErrorKind::NotFound => return Err(e),
+        // No links here, as on FAT and on some network drives: not atomic, but there the lock remains.
+        Err(_) if path.exists() => return Err(io::ErrorKind::AlreadyExists.into()),
+        Err(_) => return fs::rename(temporary, path),
+    }
+    // The file has its name; that it has another too harms nobody.
+    let _best_effort: io::Result<()> = fs::remove_file(temporary);
+    Ok(())
+}
+
+fn is_same_file(a: &Path, b: &Path) -> bool {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt;
+        let id = |path: &Path| fs::metadata(path).map(|m| (m.dev(), m.ino()));
+        id(a).is_ok_and(|a| id(b).is_ok_and(|b| a == b))
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = (a, b);
+        false
     }
 }
 

@@ -132,6 +132,9 @@ pub struct RunSummary {
     /// Something of those was refused, recovered or incomplete.
     #[serde(skip)]
     is_unclean_before: bool,
+    /// It is one shard of a run; that no episode came of it says nothing of the run.
+    #[serde(skip)]
+    is_part_of_run: bool,
     /// Steps used.
     pub n_steps: u64,
     /// Steps read and not used.
@@ -176,6 +179,14 @@ struct Current {
 const NAMED_INCOMPLETE: usize = 3;
 
 impl RunSummary {
+    /// Of a run, or of one shard of it.
+    pub fn of(is_part_of_run: bool) -> Self {
+        Self {
+            is_part_of_run,
+            ..Self::default()
+        }
+    }
+
     /// Counts one episode. Its recording's row must follow, after all its episodes.
     pub fn add_episode(&mut self, episode: &Episode, outcome: &Outcome) {
         let status = EpisodeStatus::of(episode, outcome);
@@ -257,7 +268,8 @@ impl RunSummary {
 
     /// How the run ended, which decides the exit code.
     pub fn outcome(&self) -> RunOutcome {
-        if self.episodes.values().sum::<u64>() + self.n_episodes_before == 0 {
+        let n_episodes = self.episodes.values().sum::<u64>() + self.n_episodes_before;
+        if n_episodes == 0 && !self.is_part_of_run {
             RunOutcome::Failed
         } else if self.remarks.is_empty() && !self.is_unclean_before {
             RunOutcome::Done

@@ -1,16 +1,18 @@
 //! `coact extract`: its options, the configuration file that may hold the same, and what both come to.
 
-use std::path::PathBuf;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 use serde::{Deserialize, Serialize};
 
+use super::plan::ShardOf;
 use super::progress::When;
 use super::reading::Reading;
 use crate::extraction::{ExtractionParams, Measure, Profile, RawParams};
 use crate::model::JointMode;
-use crate::pipeline::{Config, DEFAULT_MAX_PART_ROWS};
+use crate::pipeline::{Config, DEFAULT_MAX_PART_ROWS, Plan, Shard};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -37,13 +39,38 @@ pub struct ExtractArgs {
     #[command(flatten)]
     options: Options,
 
-    /// Take options from a TOML file; the command line wins
-    #[arg(long, value_name = "FILE.toml")]
-    config: Option<PathBuf>,
+    #[command(flatten)]
+    file: ConfigFile,
+
+    /// Extract the K-th of the N shards of the plan in the output directory (see `coact plan`)
+    #[arg(long, value_name = "K/N", conflicts_with = "inputs")]
+    shard: Option<ShardOf>,
 
     /// Print the options that would be used as TOML, and stop
     #[arg(long)]
     print_config: bool,
+}
+
+/// Where options may stand besides the command line.
+#[derive(Debug, Args)]
+pub(super) struct ConfigFile {
+    /// Take options from a TOML file; the command line wins
+    #[arg(long, value_name = "FILE.toml")]
+    config: Option<PathBuf>,
+}
+
+impl ConfigFile {
+    /// What is typed, else what is in the file.
+    pub(super) fn under(&self, typed: Options) -> Result<Options, String> {
+        let Some(path) = &self.config else {
+            return Ok(typed);
+        };
+        let text = std::fs::read_to_string(path)
+            .map_err(|e| format!("cannot read the configuration {}: {e}", path.display()))?;
+        let file = Options::from_toml(&text)
+            .map_err(|e| format!("configuration {}: {}", path.display(), e.trim_end()))?;
+        Ok(typed.or(file))
+    }
 }
 
 /// How the closing summary is printed.
@@ -72,7 +99,7 @@ enum Steps {
 #[derive(Debug, Clone, Default, Args, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case")]
 #[expect(clippy::struct_excessive_bools, reason = "each is a flag")]
-struct Options {
+pub(super) struct Options {
     /// Directory for the tables
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
@@ -198,24 +225,32 @@ impl ExtractArgs {
     /// # Errors
     /// One line that says which option is wrong and what it must be.
     pub fn request(self) -> Result<Request, String> {
-        let file = match &self.config {
-            Some(path) => {
-                let text = std::fs::read_to_string(path).map_err(|e| {
-                    format!("cannot read the configuration {}: {e}", path.display())
-                })?;
-                Options::from_toml(&text)
-                    .map_err(|e| format!("configuration {}: {}", path.display(), e.trim_end()))?
+        let options = self.file.under(self.options)?;
+        let (shard, options) = match self.shard {
+            Some(shard) => {
+                let (shard, options) = shard.in_plan(options)?;
+                (Some(shard), options)
             }
-            None => Options::default(),
+            None => (None, options),
         };
-        let options = self.options.or(file);
-        let params = ExtractionParams::new(options.raw_params()).map_err(|e| e.to_string())?;
-        let filled = options.filled();
-        let text = toml::to_string(&filled).map_err(|e| e.to_string())?;
         if self.print_config {
+            options.params()?;
+            let text = toml::to_string(&options.filled()).map_err(|e| e.to_string())?;
             return Ok(Request::PrintConfig(text));
         }
-        filled.run(params)
+        if !options.has_output() && options.events.is_none() && !options.dry_run {
+            return Err(
+                "no output directory given: --output DIR (or --events DIR alone, or --dry-run to write nothing)"
+                    .to_owned(),
+            );
+        }
+        Ok(Request::Run {
+            progress: options.progress.unwrap_or_default(),
+            summary: options.summary.unwrap_or_default(),
+            quiet: options.quiet,
+            verbose: options.verbose,
+            config: Box::new(options.config(shard)?),
+        })
     }
 }
 
@@ -296,16 +331,45 @@ impl Options {
         }
     }
 
-    fn run(self, params: ExtractionParams) -> Result<Request, String> {
-        self.reading.check()?;
-        if self.output.is_none() && self.events.is_none() && !self.dry_run {
-            return Err(
-                "no output directory given: --output DIR (or --events DIR alone, or --dry-run to write nothing)"
-                    .to_owned(),
-            );
+    pub(super) fn has_output(&self) -> bool {
+        self.output.is_some()
+    }
+
+    pub(super) fn output(&self) -> Option<&Path> {
+        self.output.as_deref()
+    }
+
+    pub(super) fn is_dry_run(&self) -> bool {
+        self.dry_run
+    }
+
+    /// How the summary is told, if it is.
+    pub(super) fn told(&self) -> Option<SummaryFormat> {
+        (!self.quiet).then(|| self.summary.unwrap_or_default())
+    }
+
+    fn params(&self) -> Result<ExtractionParams, String> {
+        ExtractionParams::new(self.raw_params()).map_err(|e| e.to_string())
+    }
+
+    /// What the options come to, for a run or for one shard of it.
+    pub(super) fn config(self, shard: Option<Shard>) -> Result<Config, String> {
+        let params = self.params()?;
+        self.filled().checked_config(params, shard)
+    }
+
+    fn checked_config(
+        self,
+        params: ExtractionParams,
+        shard: Option<Shard>,
+    ) -> Result<Config, String> {
+        match shard {
+            Some(_) => self.reading.check_numbers()?,
+            None => self.reading.check()?,
         }
-        let config = Config {
+        Ok(Config {
             params,
+            shard,
             read: self.reading.read_options(),
             steps: self.steps != Some(Steps::None),
             max_part_rows: self.max_part_rows.unwrap_or(DEFAULT_MAX_PART_ROWS),
@@ -316,19 +380,78 @@ impl Options {
             output: self.output.filter(|_| !self.dry_run),
             events: self.events.filter(|_| !self.dry_run),
             inputs: self.reading.inputs,
-        };
-        Ok(Request::Run {
-            config: Box::new(config),
-            progress: self.progress.unwrap_or_default(),
-            summary: self.summary.unwrap_or_default(),
-            quiet: self.quiet,
-            verbose: self.verbose,
         })
     }
 
-    /// The options that decide what the tables hold, as text.
-    fn parameters(&self) -> Vec<(String, String)> {
-        let relevant = Self {
+    /// What every shard of a plan is told: each option that does not belong to one process alone.
+    pub(super) fn for_plan(&self) -> Result<serde_json::Map<String, serde_json::Value>, String> {
+        let events = match &self.events {
+            Some(path) => Some(std::path::absolute(path).map_err(|e| e.to_string())?),
+            None => None,
+        };
+        let shared = Self {
+            events,
+            max_part_rows: self.max_part_rows,
+            ..self.clone().filled().relevant()
+        };
+        let table = toml::Table::try_from(&shared).map_err(|e| e.to_string())?;
+        match serde_json::to_value(table).map_err(|e| e.to_string())? {
+            serde_json::Value::Object(mut map) => {
+                map.remove("inputs");
+                Ok(map)
+            }
+            _ => Ok(serde_json::Map::new()),
+        }
+    }
+
+    /// What is typed beside `--shard`, joined with what the plan says, from which it may not differ.
+    pub(super) fn of_plan(self, plan: &Plan) -> Result<Self, String> {
+        if !self.reading.inputs.is_empty() {
+            return Err(
+                "inputs have no place beside --shard: the recordings are those of the plan"
+                    .to_owned(),
+            );
+        }
+        let planned: toml::Table = serde_json::from_value(plan.options.clone().into())
+            .map_err(|e| format!("the options of the plan: {e}"))?;
+        let planned = Self::from_toml(&planned.to_string())
+            .map_err(|e| format!("the options of the plan: {}", e.trim_end()))?;
+        let events = self.events.as_ref().map(std::path::absolute).transpose();
+        let joined = Self {
+            events: events.map_err(|e| e.to_string())?,
+            ..self
+        }
+        .or(planned.clone());
+        let shown = |options: &Self| -> BTreeMap<String, String> {
+            let mut shown: BTreeMap<_, _> =
+                options.clone().filled().parameters().into_iter().collect();
+            if let Some(events) = &options.events {
+                shown.insert("events".to_owned(), events.display().to_string());
+            }
+            shown
+        };
+        let (of_plan, typed) = (shown(&planned), shown(&joined));
+        let differs: Vec<String> = typed
+            .iter()
+            .filter(|(name, value)| of_plan.get(*name) != Some(value))
+            .map(|(name, value)| {
+                let of_plan = of_plan.get(name).map_or("not given", String::as_str);
+                format!("{name} is {of_plan}, not {value}")
+            })
+            .collect();
+        if differs.is_empty() {
+            Ok(joined)
+        } else {
+            Err(format!(
+                "all shards have the options of the plan, where {}",
+                differs.join("; ")
+            ))
+        }
+    }
+
+    /// Without the options that do not decide what the tables hold.
+    fn relevant(self) -> Self {
+        Self {
             reading: self.reading.relevant(),
             output: None,
             events: None,
@@ -339,8 +462,13 @@ impl Options {
             summary: None,
             quiet: false,
             verbose: false,
-            ..self.clone()
-        };
+            ..self
+        }
+    }
+
+    /// The options that decide what the tables hold, as text.
+    fn parameters(&self) -> Vec<(String, String)> {
+        let relevant = self.clone().relevant();
         let table = toml::Table::try_from(&relevant).unwrap_or_default();
         let text = |value: &toml::Value| {
             value

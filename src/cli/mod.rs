@@ -5,6 +5,7 @@ mod compare;
 mod diff;
 mod extract;
 pub mod inspect;
+mod plan;
 mod progress;
 mod reading;
 pub mod report;
@@ -20,6 +21,7 @@ pub use compare::CompareArgs;
 pub use diff::DiffArgs;
 pub use extract::{ExtractArgs, Request, SummaryFormat};
 pub use inspect::InspectArgs;
+pub use plan::{FinishArgs, PlanArgs, PlanRequest};
 pub use progress::ProgressDisplay;
 pub use report::ReportArgs;
 pub use show::ShowArgs;
@@ -39,6 +41,10 @@ pub struct Cli {
 pub enum Command {
     /// Extract composite actions from recordings into Parquet tables
     Extract(Box<ExtractArgs>),
+    /// Share recordings out to shards, which any machines extract
+    Plan(Box<PlanArgs>),
+    /// Check that all shards of a plan are done, and mark the run as done
+    Finish(FinishArgs),
     /// Show topics, fields and rates of recordings, and a command line that reads them
     Inspect(InspectArgs),
     /// Run the eight measures on the same recordings and show them side by side

@@ -131,6 +131,11 @@ impl Reading {
         if self.inputs.is_empty() {
             return Err("no INPUT given: name files, folders or globs of recordings".to_owned());
         }
+        self.check_numbers()
+    }
+
+    /// The same without what recordings are read.
+    pub(super) fn check_numbers(&self) -> Result<(), String> {
         if self.max_open_episodes == Some(0) {
             return Err("max-open-episodes is 0: at least 1 is needed".to_owned());
         }

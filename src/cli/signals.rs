@@ -20,21 +20,21 @@ pub struct Signals {
 
 impl Signals {
     /// Raises `interrupt` on the first signal. A run that does not stop in time is ended;
-    /// temporary files in the folders of tables and of events are removed before.
+    /// temporary files in the folders of tables (of one shard, or 0) and of events are removed before.
     pub fn watch(
         interrupt: &Arc<Interrupt>,
-        output: Option<PathBuf>,
+        tables: Option<(PathBuf, u32)>,
         events: Option<PathBuf>,
     ) -> Self {
         let received = Arc::new(AtomicI32::new(0));
         #[cfg(unix)]
         unix::watch(
             Arc::clone(interrupt),
-            (output, events),
+            (tables, events),
             Arc::clone(&received),
         );
         #[cfg(not(unix))]
-        let _ = (interrupt, output, events);
+        let _ = (interrupt, tables, events);
         Self { received }
     }
 
@@ -58,7 +58,7 @@ mod unix {
     use signal_hook::iterator::Signals as SignalStream;
 
     /// Of tables and of events.
-    type Folders = (Option<PathBuf>, Option<PathBuf>);
+    type Folders = (Option<(PathBuf, u32)>, Option<PathBuf>);
 
     pub(super) fn watch(interrupt: Arc<Interrupt>, folders: Folders, received: Arc<AtomicI32>) {
         // Without a handler a signal ends the process at once; the next run then clears up.
@@ -85,8 +85,8 @@ mod unix {
     }
 
     #[expect(clippy::exit, reason = "the run did not stop in time")]
-    fn end(signal: i32, (output, events): &Folders) {
-        remove_temporaries(output.as_deref(), events.as_deref());
+    fn end(signal: i32, (tables, events): &Folders) {
+        remove_temporaries(tables.as_ref(), events.as_deref());
         std::process::exit(i32::from(code(signal)));
     }
 }

@@ -66,6 +66,14 @@ impl EventsWriter {
         }
     }
 
+    /// For these recordings alone; others of the same run are another process's.
+    #[must_use]
+    pub fn only<'a>(mut self, names: impl Iterator<Item = &'a Arc<str>>) -> Self {
+        let names: BTreeSet<&Arc<str>> = names.collect();
+        self.files.paths.retain(|name, _| names.contains(name));
+        self
+    }
+
     /// Is the file of a recording there, complete, and made with these parameters?
     pub fn is_current(&self, identity: &RecordingIdentity) -> bool {
         let files = &self.files;

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use thiserror::Error;
 
 use super::inputs::InputError;
+use super::plan::Shard;
 use crate::events::{EventsError, EventsOptions};
 use crate::extraction::ExtractionParams;
 use crate::recording::ReadOptions;
@@ -16,6 +17,8 @@ use crate::tables::{Faults, TableError};
 pub struct Config {
     /// Files, folders, globs.
     pub inputs: Vec<PathBuf>,
+    /// The shard of a plan that is to be done; its recordings are then those of the plan.
+    pub shard: Option<Shard>,
     /// Where the tables go; `None` reads and checks everything and writes nothing.
     pub output: Option<PathBuf>,
     /// Where events files go, if they are wanted.
@@ -45,6 +48,12 @@ impl Config {
             .iter()
             .map(|(key, value)| (format!("coact.{key}"), value.clone()))
             .collect()
+    }
+
+    /// Where the tables go, and the shard that goes there; 0 when there is none.
+    pub fn tables(&self) -> Option<(PathBuf, u32)> {
+        let shard = self.shard.as_ref().map_or(0, |shard| shard.number);
+        Some((self.output.clone()?, shard))
     }
 
     /// How events are written; `None` if they are not wanted.
@@ -86,7 +95,9 @@ impl From<InputError> for RunError {
 impl From<TableError> for RunError {
     fn from(e: TableError) -> Self {
         match e {
-            TableError::AnotherRun { .. } => Self::Arguments(e.to_string()),
+            TableError::AnotherRun { .. } | TableError::NoPlan { .. } => {
+                Self::Arguments(e.to_string())
+            }
             e => Self::Failed(e.into()),
         }
     }

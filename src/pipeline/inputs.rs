@@ -239,7 +239,7 @@ fn common_ancestor<'a>(mut files: impl Iterator<Item = &'a PathBuf>) -> PathBuf 
 }
 
 /// Absolute, `.` and `..` taken out as they stand, so that one file typed in two ways is one file.
-fn absolute(path: &Path) -> PathBuf {
+pub(super) fn absolute(path: &Path) -> PathBuf {
     let mut clean = PathBuf::new();
     for component in std::path::absolute(path)
         .unwrap_or_else(|_| path.to_owned())
@@ -292,6 +292,44 @@ pub(crate) fn readable(name: &OsStr) -> String {
     text
 }
 
+/// The name of which [`readable`] made `text`.
+pub(super) fn from_readable(text: &str) -> PathBuf {
+    let mut name = Vec::with_capacity(text.len());
+    let mut rest = text.as_bytes();
+    while let Some((&first, after)) = rest.split_first() {
+        let escaped = match rest {
+            [b'\\', b'x', high, low, ..] => digit(*high).zip(digit(*low)),
+            _ => None,
+        };
+        if let Some((high, low)) = escaped {
+            name.push(high << 4 | low);
+            rest = &rest[4..];
+        } else {
+            name.push(first);
+            rest = after;
+        }
+    }
+    #[cfg(unix)]
+    {
+        use std::os::unix::ffi::OsStringExt;
+        PathBuf::from(std::ffi::OsString::from_vec(name))
+    }
+    #[cfg(not(unix))]
+    {
+        // Names that are not Unicode cannot be made again there; such a recording is then not found, and told of.
+        PathBuf::from(String::from_utf8(name).unwrap_or_else(|_| text.to_owned()))
+    }
+}
+
+/// The value of a digit as [`readable`] writes them.
+fn digit(byte: u8) -> Option<u8> {
+    match byte {
+        b'0'..=b'9' => Some(byte - b'0'),
+        b'A'..=b'F' => Some(byte - b'A' + 10),
+        _ => None,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -340,6 +378,17 @@ mod tests {
         assert_eq!(of(b"a\\xFF.mcap"), "a\\x5CxFF.mcap");
         assert_eq!(of(b"a\\x5CxFF"), "a\\x5Cx5CxFF");
         assert_eq!(of("b\\x \\xz \\n é".as_bytes()), "b\\x \\xz \\n é");
+        for name in [
+            b"a\xff.mcap".as_slice(),
+            b"a\\xFF.mcap",
+            b"a\\x5CxFF",
+            "b\\x \\xz \\n é\\".as_bytes(),
+        ] {
+            assert_eq!(
+                from_readable(&of(name)).as_os_str(),
+                OsStr::from_bytes(name)
+            );
+        }
     }
 
     #[test]

@@ -9,16 +9,18 @@
 //! round k−1: write  ─┘
 //! ```
 
+mod balance;
 mod compare;
 mod config;
 mod identity;
 mod inputs;
 mod inspect;
+mod plan;
 mod resume;
 mod round;
 mod source;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
@@ -28,12 +30,15 @@ pub use compare::{CompareConfig, compare};
 pub use config::{Config, RunError};
 pub use inputs::InputError;
 pub use inspect::{Inspected, inspect};
+pub use plan::{
+    Finish, Finished, MAX_SHARDS, MissingRecordings, Planned, Shard, finish, plan, read_plan,
+};
 
-pub use crate::tables::DEFAULT_MAX_PART_ROWS;
+pub use crate::tables::{DEFAULT_MAX_PART_ROWS, Plan};
 
 use crate::events::{self, EventsWriter};
 use crate::summary::{RunOutcome, RunSummary};
-use crate::tables::{self, OutputDirectory, TableOptions, TableWriter};
+use crate::tables::{self, OutputDirectory, TableWriter};
 use inputs::Input;
 use resume::InTables;
 use round::Extracted;
@@ -81,7 +86,10 @@ pub fn run(
     interrupt: &Interrupt,
 ) -> Result<RunSummary, RunError> {
     let started = Instant::now();
-    let inputs = inputs::find(&config.inputs)?;
+    let inputs = match &config.shard {
+        Some(shard) => shard.inputs(),
+        None => inputs::find(&config.inputs)?,
+    };
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(config.threads)
         .build()
@@ -92,7 +100,7 @@ pub fn run(
             return written(config, output, &inputs, on_progress, interrupt);
         }
         let jobs = resume::all(&inputs);
-        let mut summary = RunSummary::default();
+        let mut summary = RunSummary::of(config.shard.is_some());
         let mut outputs = Outputs {
             tables: None,
             events: events_writer(config, &inputs),
@@ -120,16 +128,10 @@ fn written(
     on_progress: &(dyn Fn(Progress) + Sync),
     interrupt: &Interrupt,
 ) -> Result<RunSummary, RunError> {
-    let options = TableOptions {
-        steps: config.steps,
-        metadata: config.metadata(),
-        max_part_rows: config.max_part_rows,
-        faults: config.faults.clone(),
-        ..TableOptions::default()
-    };
+    let options = plan::table_options(config);
     let mut directory = OutputDirectory::open(output, &options, config.overwrite)?;
     let mut work = resume::work(inputs, &mut directory)?;
-    let mut summary = RunSummary::default();
+    let mut summary = RunSummary::of(config.shard.is_some());
     for done in &work.before {
         summary.add_done_before(done.n_episodes, done.clean);
     }
@@ -141,7 +143,8 @@ fn written(
         InTables::for_events(&mut work, inputs, events)
     });
     // Held until all is done: the directory, whole as it is, or its writer.
-    let (locked, tables) = if directory.is_complete() && in_tables.have_all(&work.jobs) {
+    let needs_no_mark = directory.is_complete() || config.shard.is_some();
+    let (locked, tables) = if needs_no_mark && in_tables.have_all(&work.jobs) {
         (Some(directory), None)
     } else {
         (None, Some(directory.writer()?))
@@ -169,7 +172,7 @@ fn written(
         writer.commit()?;
     }
     stages?;
-    if summary.outcome() == RunOutcome::Failed {
+    if summary.outcome() == RunOutcome::Failed || config.shard.is_some() {
         writer.close()?;
     } else {
         writer.finish()?;
@@ -187,14 +190,18 @@ struct Outputs {
 
 fn events_writer(config: &Config, inputs: &[Input]) -> Option<EventsWriter> {
     let options = config.events()?;
-    let names = inputs.iter().map(|input| &input.name);
-    Some(EventsWriter::new(&options, names))
+    let own = || inputs.iter().map(|input| &input.name);
+    Some(match &config.shard {
+        // What a file is called depends on all recordings of the run.
+        Some(shard) => EventsWriter::new(&options, shard.all_names()).only(own()),
+        None => EventsWriter::new(&options, own()),
+    })
 }
 
 /// Removes the unfinished files of a run that must end at once.
-pub fn remove_temporaries(output: Option<&Path>, events: Option<&Path>) {
-    if let Some(output) = output {
-        tables::remove_temporaries(output);
+pub fn remove_temporaries(tables: Option<&(PathBuf, u32)>, events: Option<&Path>) {
+    if let Some((output, shard)) = tables {
+        tables::remove_temporaries(output, *shard);
     }
     if let Some(directory) = events {
         events::remove_temporaries(directory);

@@ -104,7 +104,7 @@ pub(crate) fn work<'a>(
         .map(|done| &done.identity)
         .chain(open.as_ref().map(|open| &open.identity))
         .collect();
-    let is_gone = |done: &&DoneRecording| inputs.iter().all(|i| i.name != done.identity.name);
+    let is_gone = |done: &&DoneRecording| input_of(&done.identity.name, inputs).is_none();
     if let Some(gone) = failed.iter().find(is_gone) {
         return Err(RunError::Arguments(vanished(&gone.identity.name)));
     }
@@ -134,6 +134,12 @@ pub(crate) fn work<'a>(
     })
 }
 
+/// The input of a name, among inputs that are sorted by it.
+fn input_of<'a>(name: &str, inputs: &'a [Input]) -> Option<&'a Input> {
+    let found = inputs.binary_search_by(|input| (*input.name).cmp(name));
+    found.ok().map(|index| &inputs[index])
+}
+
 /// How a user settles that a recording is not what it was.
 const SETTLE: &str = "give another directory, or --overwrite to start again";
 
@@ -144,7 +150,7 @@ fn vanished(name: &str) -> String {
 /// Is a recording, whose rows are in the tables, still there as it was?
 fn check(known: &RecordingIdentity, inputs: &[Input]) -> Result<(), String> {
     let name = &known.name;
-    let Some(input) = inputs.iter().find(|input| input.name == *name) else {
+    let Some(input) = input_of(name, inputs) else {
         return Err(vanished(name));
     };
     if identity::of(input) == *known {

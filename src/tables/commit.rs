@@ -8,9 +8,9 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::directory::temporary_name;
+use super::directory::{own_temporary_name, parse_part_name, temporary_name};
 use super::error::TableError;
-use super::schema::TABLE_VERSION;
+use super::schema::{TABLE_VERSION, Table};
 use crate::model::{RecordingIdentity, RecordingStatus};
 use crate::storage::Storage;
 
@@ -57,6 +57,17 @@ pub(super) struct Commit {
     pub(super) open: Option<OpenRecording>,
     /// Steps of the episodes in it.
     pub(super) n_steps: Option<u64>,
+}
+
+impl Commit {
+    /// The number of the part of a table. Names are taken for nothing else: none is followed elsewhere.
+    pub(super) fn part(&self, shard: u32, table: Table) -> Option<u32> {
+        self.parts.iter().find_map(|path| {
+            let name = path.strip_prefix(table.name())?.strip_prefix('/')?;
+            let (of_shard, number) = parse_part_name(name)?;
+            (of_shard == shard).then_some(number)
+        })
+    }
 }
 
 /// What run a directory holds.
@@ -124,6 +135,10 @@ pub(super) fn commits_folder(directory: &Path) -> PathBuf {
     directory.join(FOLDER).join("commits")
 }
 
+pub(super) fn plan_path(directory: &Path) -> PathBuf {
+    directory.join(FOLDER).join("plan.json")
+}
+
 const LOCK_PREFIX: &str = "lock-";
 
 pub(super) fn lock_path(directory: &Path, shard: u32) -> PathBuf {
@@ -132,10 +147,16 @@ pub(super) fn lock_path(directory: &Path, shard: u32) -> PathBuf {
         .join(format!("{LOCK_PREFIX}{shard:05}"))
 }
 
-pub(super) fn is_lock(path: &Path) -> bool {
-    path.file_name()
-        .and_then(|n| n.to_str())
-        .is_some_and(|n| n.starts_with(LOCK_PREFIX))
+/// Shards that have been written to, finished or not.
+pub(super) fn locked_shards(directory: &Path) -> Result<Vec<u32>, TableError> {
+    let names = super::directory::names_in(&directory.join(FOLDER))?;
+    let mut shards: Vec<u32> = names
+        .iter()
+        .filter_map(|path| path.file_name()?.to_str()?.strip_prefix(LOCK_PREFIX))
+        .filter_map(|shard| shard.parse().ok())
+        .collect();
+    shards.sort_unstable();
+    Ok(shards)
 }
 
 fn commit_name(shard: u32, number: u32) -> String {
@@ -155,7 +176,9 @@ pub(super) fn read_run(directory: &Path) -> Result<Option<Run>, TableError> {
 }
 
 pub(super) fn write_run(storage: &Storage, directory: &Path, run: &Run) -> Result<(), TableError> {
-    write(storage, &run_path(directory), run)
+    let path = run_path(directory);
+    let temporary = path.with_file_name(temporary_name("run.json"));
+    Ok(storage.write_whole(&path, &temporary, &to_json(&path, run)?)?)
 }
 
 /// All commits of a shard, by number.
@@ -196,17 +219,33 @@ fn read_commits_where(
     Ok(commits)
 }
 
+/// Writes a commit, also over an older one.
 pub(super) fn write_commit(
     storage: &Storage,
     directory: &Path,
     (shard, number): (u32, u32),
     commit: &Commit,
 ) -> Result<(), TableError> {
-    let path = commits_folder(directory).join(commit_name(shard, number));
-    write(storage, &path, commit)
+    let name = commit_name(shard, number);
+    let path = commits_folder(directory).join(&name);
+    let temporary = path.with_file_name(own_temporary_name(&name));
+    Ok(storage.write_whole(&path, &temporary, &to_json(&path, commit)?)?)
 }
 
-fn read<T: for<'de> Deserialize<'de>>(path: &Path) -> Result<Option<T>, TableError> {
+/// Writes a commit whose number must not be taken.
+pub(super) fn write_new_commit(
+    storage: &Storage,
+    directory: &Path,
+    (shard, number): (u32, u32),
+    commit: &Commit,
+) -> Result<(), TableError> {
+    let name = commit_name(shard, number);
+    let path = commits_folder(directory).join(&name);
+    let temporary = path.with_file_name(own_temporary_name(&name));
+    Ok(storage.write_whole_new(&path, &temporary, &to_json(&path, commit)?)?)
+}
+
+pub(super) fn read<T: for<'de> Deserialize<'de>>(path: &Path) -> Result<Option<T>, TableError> {
     let text = match fs::read(path) {
         Ok(text) => text,
         Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(None),
@@ -217,13 +256,6 @@ fn read<T: for<'de> Deserialize<'de>>(path: &Path) -> Result<Option<T>, TableErr
         .map_err(|e| TableError::io("read", path)(io::Error::new(io::ErrorKind::InvalidData, e)))
 }
 
-fn write<T: Serialize>(storage: &Storage, path: &Path, value: &T) -> Result<(), TableError> {
-    let text = serde_json::to_vec_pretty(value)
-        .map_err(|e| TableError::io("write", path)(io::Error::other(e)))?;
-    let name = path
-        .file_name()
-        .and_then(|n| n.to_str())
-        .unwrap_or("commit");
-    storage.write_whole(path, &path.with_file_name(temporary_name(name)), &text)?;
-    Ok(())
+fn to_json<T: Serialize>(path: &Path, value: &T) -> Result<Vec<u8>, TableError> {
+    serde_json::to_vec_pretty(value).map_err(|e| TableError::io("write", path)(io::Error::other(e)))
 }

@@ -4,10 +4,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use super::commit::{self, Commit};
-use super::directory;
+use super::directory::{self, part_name};
 use super::error::TableError;
 use super::schema::Table;
-use super::writer::part_name;
 
 /// The committed part of an output directory, as it was at one moment.
 #[derive(Debug, Clone)]
@@ -65,13 +64,10 @@ impl Committed {
     pub fn parts(&self, table: Table) -> Vec<PathBuf> {
         self.commits
             .iter()
-            .filter_map(|(&(shard, number), commit)| {
-                // The name is known: what a commit says is compared with it, and never followed elsewhere.
-                let part = format!("{}/{}", table.name(), part_name(shard, number));
-                commit
-                    .parts
-                    .contains(&part)
-                    .then(|| self.directory.join(part))
+            .filter_map(|(&(shard, _), commit)| Some((shard, commit.part(shard, table)?)))
+            .map(|(shard, number)| {
+                let folder = self.directory.join(table.name());
+                folder.join(part_name(shard, number))
             })
             .collect()
     }

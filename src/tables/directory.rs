@@ -1,13 +1,20 @@
 //! Which files in an output directory are ours, and whether a run is done. Nothing else in it is ever touched.
 
+use std::collections::BTreeSet;
+use std::collections::hash_map::RandomState;
 use std::ffi::OsStr;
 use std::fs;
+use std::hash::{BuildHasher, Hasher};
 use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
 
 use super::commit;
 use super::error::TableError;
 use super::schema::Table;
 use crate::storage::{self, Storage};
+
+/// The shard of a run that has none.
+pub(super) const WHOLE: u32 = 0;
 
 /// In the directory once a run is done.
 const SUCCESS: &str = "_SUCCESS";
@@ -21,6 +28,14 @@ const TEMPORARY_SUFFIX: &str = ".tmp";
 /// Under which name a file is written until it is finished.
 pub(super) fn temporary_name(name: &str) -> String {
     format!("{TEMPORARY_PREFIX}{name}{TEMPORARY_SUFFIX}")
+}
+
+/// The same for a file that processes on several machines may be writing at once: no two use one name.
+pub(super) fn own_temporary_name(name: &str) -> String {
+    // A process number would not do: in containers all are 1.
+    static TOKEN: LazyLock<u64> = LazyLock::new(|| RandomState::new().build_hasher().finish());
+    let token = *TOKEN;
+    format!("{TEMPORARY_PREFIX}{name}.{token:016x}{TEMPORARY_SUFFIX}")
 }
 
 /// Marks the run in `directory` as done.
@@ -52,6 +67,11 @@ pub(super) fn holds_parts(directory: &Path) -> Result<bool, TableError> {
     Ok(!parts(directory)?.is_empty())
 }
 
+/// Does `directory` hold parts, or commits of such?
+pub(super) fn holds_rows(directory: &Path) -> Result<bool, TableError> {
+    Ok(holds_parts(directory)? || !commit_files(directory)?.is_empty())
+}
+
 /// Does `directory` hold a run, finished or not?
 ///
 /// # Errors
@@ -62,27 +82,10 @@ pub fn holds_run(directory: &Path) -> Result<bool, TableError> {
         || commit::run_path(directory).is_file())
 }
 
-/// Has no shard but `shard` ever been written here?
-pub(super) fn is_of_shard_alone(directory: &Path, shard: u32) -> bool {
-    let own = commit::lock_path(directory, shard);
-    names_in(&directory.join(commit::FOLDER))
-        .is_ok_and(|paths| paths.iter().all(|p| *p == own || !commit::is_lock(p)))
-}
-
-/// Removes what a run has left in `directory`, but for its lock, and nothing else.
+/// Removes what a run has left in `directory`, but for its locks, and nothing else.
 pub(super) fn clear(storage: &Storage, directory: &Path) -> Result<(), TableError> {
-    // The mark goes first, then what the parts are known by: a directory half cleared is not done, and no part in it
-    // counts.
-    storage.remove(&directory.join(SUCCESS))?;
-    for path in names_in(&commit::commits_folder(directory))? {
-        let name = path.file_name().and_then(|n| n.to_str()).unwrap_or("");
-        if commit::parse_commit_name(finished_name(name)).is_some() {
-            storage.remove(&path)?;
-        }
-    }
-    for part in parts(directory)? {
-        storage.remove(&part.path)?;
-    }
+    clear_rows(storage, directory, |_| true)?;
+    storage.remove(&commit::plan_path(directory))?;
     storage.remove(&commit::run_path(directory))?;
     for table in Table::ALL {
         storage::remove_empty_folder(&directory.join(table.name()));
@@ -90,37 +93,104 @@ pub(super) fn clear(storage: &Storage, directory: &Path) -> Result<(), TableErro
     Ok(())
 }
 
-/// Removes parts of `shard` that no commit names, and temporary files.
-pub(super) fn clear_unfinished(
+/// Removes the rows of one shard.
+pub(super) fn clear_shard(
     storage: &Storage,
     directory: &Path,
     shard: u32,
-    committed: &[&str],
 ) -> Result<(), TableError> {
+    clear_rows(storage, directory, |of| of == shard)
+}
+
+/// The mark goes first, then what the parts are known by: a directory half cleared is not done, and no part in it
+/// counts.
+fn clear_rows(
+    storage: &Storage,
+    directory: &Path,
+    is_meant: impl Fn(u32) -> bool,
+) -> Result<(), TableError> {
+    unmark_done(storage, directory)?;
+    for file in commit_files(directory)? {
+        if is_meant(file.shard) {
+            storage.remove(&file.path)?;
+        }
+    }
     for part in parts(directory)? {
-        let is_committed = committed.iter().any(|c| directory.join(c) == part.path);
-        if part.shard == shard && !is_committed {
+        if is_meant(part.shard) {
             storage.remove(&part.path)?;
         }
     }
+    Ok(())
+}
+
+/// Removes parts that no commit names, of all shards or of one, and temporary files of these.
+pub(super) fn clear_unfinished<'a>(
+    storage: &Storage,
+    directory: &Path,
+    shard: Option<u32>,
+    committed: impl Iterator<Item = &'a str>,
+) -> Result<(), TableError> {
+    let committed: BTreeSet<PathBuf> = committed.map(|c| directory.join(c)).collect();
+    for part in parts(directory)? {
+        let is_meant = shard.is_none_or(|shard| part.shard == shard);
+        if is_meant && !committed.contains(&part.path) {
+            storage.remove(&part.path)?;
+        }
+    }
+    remove_unfinished_commits(storage, directory, shard)?;
     remove_small_temporaries(storage, directory)
 }
 
+/// Removes temporary files of a shard. Where locks do not reach from one machine to another, these may be another
+/// process's, which then fails before anything of its own counts; finished parts may not be touched there, since their
+/// commit may be about to come.
+pub(super) fn clear_unfinished_shard(
+    storage: &Storage,
+    directory: &Path,
+    shard: u32,
+) -> Result<(), TableError> {
+    for part in parts(directory)? {
+        if part.shard == shard && !part.is_finished {
+            storage.remove(&part.path)?;
+        }
+    }
+    remove_unfinished_commits(storage, directory, Some(shard))
+}
+
+/// Below which number no part of a shard is there.
+pub(super) fn next_part(directory: &Path, shard: u32) -> Result<u32, TableError> {
+    let numbers = parts(directory)?
+        .into_iter()
+        .filter(|part| part.shard == shard)
+        .map(|part| part.number + 1);
+    Ok(numbers.max().unwrap_or(0))
+}
+
+fn remove_unfinished_commits(
+    storage: &Storage,
+    directory: &Path,
+    shard: Option<u32>,
+) -> Result<(), TableError> {
+    for file in commit_files(directory)? {
+        if !file.is_finished && shard.is_none_or(|shard| file.shard == shard) {
+            storage.remove(&file.path)?;
+        }
+    }
+    Ok(())
+}
+
+/// Removes those that only a process alone in the directory writes.
 fn remove_small_temporaries(storage: &Storage, directory: &Path) -> Result<(), TableError> {
-    let mut paths = vec![
-        directory.join(temporary_name(SUCCESS)),
-        commit::run_path(directory).with_file_name(temporary_name("run.json")),
+    let temporary = |path: PathBuf| {
+        let name = path.file_name().and_then(OsStr::to_str).unwrap_or("");
+        path.with_file_name(temporary_name(name))
+    };
+    let paths = [
+        directory.join(SUCCESS),
+        commit::run_path(directory),
+        commit::plan_path(directory),
     ];
-    paths.extend(
-        names_in(&commit::commits_folder(directory))?
-            .into_iter()
-            .filter(|path| {
-                let name = path.file_name().and_then(|n| n.to_str()).unwrap_or("");
-                let finished = finished_name(name);
-                finished != name && commit::parse_commit_name(finished).is_some()
-            }),
-    );
-    for path in paths {
+    for path in paths.map(temporary) {
         if path.exists() {
             storage.remove(&path)?;
         }
@@ -128,58 +198,86 @@ fn remove_small_temporaries(storage: &Storage, directory: &Path) -> Result<(), T
     Ok(())
 }
 
-/// Removes all temporary files of ours: for a process that must end at once.
-pub fn remove_temporaries(directory: &Path) {
+/// Removes the temporary files of a run, or of a shard of it: for a process that must end at once.
+pub fn remove_temporaries(directory: &Path, shard: u32) {
     let storage = Storage::default();
-    let unfinished = parts(directory).unwrap_or_default();
-    for part in unfinished.iter().filter(|p| !p.is_finished) {
-        // There is no one left to tell.
-        let _best_effort = storage.remove(&part.path);
+    // There is no one left to tell.
+    let _best_effort = clear_unfinished_shard(&storage, directory, shard);
+    if shard == WHOLE {
+        let _best_effort = remove_small_temporaries(&storage, directory);
     }
-    let _best_effort = remove_small_temporaries(&storage, directory);
 }
 
-/// A part of ours.
-struct FoundPart {
+/// A file of ours that belongs to a shard.
+struct Found {
     path: PathBuf,
     shard: u32,
+    number: u32,
     is_finished: bool,
 }
 
 /// Parts in `directory`; no directory has none.
-fn parts(directory: &Path) -> Result<Vec<FoundPart>, TableError> {
+fn parts(directory: &Path) -> Result<Vec<Found>, TableError> {
     let mut found = Vec::new();
     for table in Table::ALL {
-        for path in names_in(&directory.join(table.name()))? {
-            let name = path.file_name().and_then(OsStr::to_str).unwrap_or("");
-            let finished = finished_name(name);
-            if let Some(shard) = shard_of(finished) {
-                found.push(FoundPart {
-                    shard,
-                    is_finished: finished == name,
-                    path,
-                });
-            }
-        }
+        found.extend(files_in(&directory.join(table.name()), parse_part_name)?);
     }
     Ok(found)
 }
 
-/// The name that a temporary file is to get; any other name as it is.
-fn finished_name(name: &str) -> &str {
-    name.strip_prefix(TEMPORARY_PREFIX)
-        .and_then(|n| n.strip_suffix(TEMPORARY_SUFFIX))
-        .unwrap_or(name)
+fn commit_files(directory: &Path) -> Result<Vec<Found>, TableError> {
+    files_in(
+        &commit::commits_folder(directory),
+        commit::parse_commit_name,
+    )
 }
 
-/// The shard in `part-SSSSS-NNNNN.parquet`; `None` for any other name.
-fn shard_of(name: &str) -> Option<u32> {
+/// Files in a folder whose names, finished or not, have a shard and a number.
+fn files_in(
+    folder: &Path,
+    parse: impl Fn(&str) -> Option<(u32, u32)>,
+) -> Result<Vec<Found>, TableError> {
+    let found = names_in(folder)?.into_iter().filter_map(|path| {
+        let name = path.file_name().and_then(OsStr::to_str).unwrap_or("");
+        let finished = finished_name(name);
+        let is_finished = finished == name;
+        let (shard, number) = parse(finished)?;
+        Some(Found {
+            path,
+            shard,
+            number,
+            is_finished,
+        })
+    });
+    Ok(found.collect())
+}
+
+/// The name that a temporary file is to get; any other name as it is.
+fn finished_name(name: &str) -> &str {
+    let Some(unfinished) = name
+        .strip_prefix(TEMPORARY_PREFIX)
+        .and_then(|n| n.strip_suffix(TEMPORARY_SUFFIX))
+    else {
+        return name;
+    };
+    let is_token = |t: &str| t.len() == 16 && t.bytes().all(|b| b.is_ascii_hexdigit());
+    match unfinished.rsplit_once('.') {
+        Some((finished, token)) if is_token(token) => finished,
+        _ => unfinished,
+    }
+}
+
+/// Name of the part of a group, in each table.
+pub(super) fn part_name(shard: u32, number: u32) -> String {
+    format!("part-{shard:05}-{number:05}.parquet")
+}
+
+/// Shard and number in a part's name; `None` for any other name.
+pub(super) fn parse_part_name(name: &str) -> Option<(u32, u32)> {
     let numbers = name.strip_prefix("part-")?.strip_suffix(".parquet")?;
     let (shard, number) = numbers.split_once('-')?;
     let digits = |t: &str| t.len() == 5 && t.bytes().all(|b| b.is_ascii_digit());
-    (digits(shard) && digits(number))
-        .then(|| shard.parse().ok())
-        .flatten()
+    (digits(shard) && digits(number)).then_some((shard.parse().ok()?, number.parse().ok()?))
 }
 
 /// What is in a folder; no folder has nothing.
@@ -200,10 +298,12 @@ mod tests {
 
     #[test]
     fn only_parts_are_ours() {
-        assert_eq!(shard_of("part-00000-00000.parquet"), Some(0));
+        assert_eq!(parse_part_name("part-00000-00000.parquet"), Some((0, 0)));
+        let temporary = own_temporary_name("part-00001-00012.parquet");
+        assert_eq!(parse_part_name(finished_name(&temporary)), Some((1, 12)));
         assert_eq!(
-            shard_of(finished_name(".part-00001-00012.parquet.tmp")),
-            Some(1)
+            parse_part_name(finished_name(".part-00001-00012.parquet.tmp")),
+            Some((1, 12))
         );
         for name in [
             "part-0-0.parquet",
@@ -211,7 +311,7 @@ mod tests {
             "part-00000-00000.parquet.bak",
             "part-00000.parquet",
         ] {
-            assert_eq!(shard_of(name), None, "{name}");
+            assert_eq!(parse_part_name(name), None, "{name}");
         }
     }
 }

@@ -26,12 +26,44 @@ pub enum TableError {
         difference: String,
     },
     /// Another process writes to the directory.
-    #[error("{} is in use by another process{}", directory.display(), with_id(holder))]
+    #[error("{}{} is in use by another process{}", of_shard(*shard), directory.display(), with_id(holder))]
     Locked {
         /// Which.
         directory: PathBuf,
+        /// Which shard of it; 0 when there is none.
+        shard: u32,
         /// Its process id, if it could be read.
         holder: String,
+    },
+    /// Another process has committed rows of the shard while this one was at the same.
+    #[error(
+        "{}{} is being written by another process as well, which was faster: run it again once that one has ended",
+        of_shard(*shard),
+        directory.display()
+    )]
+    Overtaken {
+        /// Which.
+        directory: PathBuf,
+        /// Which shard of it.
+        shard: u32,
+    },
+    /// There is no plan where one is needed.
+    #[error(
+        "{} holds no plan: make one with `coact plan INPUT... --output {} --shards N`",
+        directory.display(),
+        directory.display()
+    )]
+    NoPlan {
+        /// Which.
+        directory: PathBuf,
+    },
+    /// The tables hold what the plan does not say.
+    #[error("{}: {what}", directory.display())]
+    NotAsPlanned {
+        /// Which.
+        directory: PathBuf,
+        /// What is wrong.
+        what: String,
     },
     /// The Parquet writer refused; on a full disk too.
     #[error("cannot write {}", path.display())]
@@ -41,6 +73,14 @@ pub enum TableError {
         /// Why not.
         source: ParquetError,
     },
+}
+
+fn of_shard(shard: u32) -> String {
+    if shard == 0 {
+        String::new()
+    } else {
+        format!("shard {shard} of ")
+    }
 }
 
 fn with_id(holder: &str) -> String {
@@ -55,6 +95,11 @@ impl TableError {
     /// What the system said.
     pub(crate) fn cause(&self) -> String {
         std::error::Error::source(self).map_or_else(String::new, ToString::to_string)
+    }
+
+    /// Was a name refused because it is taken?
+    pub(super) fn is_taken(&self) -> bool {
+        matches!(self, Self::Storage(e) if e.source.kind() == io::ErrorKind::AlreadyExists)
     }
 
     pub(crate) fn io(action: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {

@@ -11,10 +11,10 @@ use arrow::compute::filter_record_batch;
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 
 use super::commit::{self, Commit, DoneRecording, OpenRecording, Run};
-use super::directory;
+use super::directory::{self, WHOLE, part_name};
 use super::error::TableError;
 use super::schema::Table;
-use super::writer::{Part, TableOptions, TableWriter, part_name};
+use super::writer::{Part, TableOptions, TableWriter};
 use crate::storage::Storage;
 
 /// An output directory that nobody else writes to, as long as this lives.
@@ -46,25 +46,31 @@ impl OutputDirectory {
             let what = std::io::Error::from(std::io::ErrorKind::NotADirectory);
             return Err(TableError::io("write tables to", directory)(what));
         }
-        let begins_empty = || overwrite || is_without_steps(directory, options.shard);
+        let is_whole = options.shard == WHOLE;
+        let begins_empty = || overwrite || (is_whole && is_without_steps(directory));
         if !begins_empty() {
             // Refused before anything is made or locked: nothing of it is ours.
-            check_run(directory, &run)?;
+            check_run(directory, &run, options.shard)?;
         }
         storage.create_folder(&commit::commits_folder(directory))?;
         let lock = lock(&storage, directory, options.shard)?;
-        if begins_empty() {
+        if !begins_empty() {
+            check_run(directory, &run, options.shard)?;
+        } else if is_whole {
+            let _shards = lock_shards(&storage, directory)?;
             directory::clear(&storage, directory)?;
         } else {
-            check_run(directory, &run)?;
+            check_run(directory, &run, options.shard)?;
+            directory::clear_shard(&storage, directory, options.shard)?;
         }
         storage.create_folder(&commit::commits_folder(directory))?;
         let commits = commit::read_commits(directory, options.shard)?;
-        let committed: Vec<&str> = commits
-            .values()
-            .flat_map(|c| c.parts.iter().map(String::as_str))
-            .collect();
-        directory::clear_unfinished(&storage, directory, options.shard, &committed)?;
+        if is_whole {
+            let committed = commits.values().flat_map(|c| &c.parts).map(String::as_str);
+            directory::clear_unfinished(&storage, directory, Some(WHOLE), committed)?;
+        } else {
+            directory::clear_unfinished_shard(&storage, directory, options.shard)?;
+        }
         if commit::read_run(directory)?.is_none() {
             commit::write_run(&storage, directory, &run)?;
         }
@@ -113,7 +119,10 @@ impl OutputDirectory {
                 continue;
             }
             // Should this be cut short after the part, the commit still names them, and they are taken out again.
-            let name = part_name(self.options.shard, *number);
+            let Some(part) = commit.part(self.options.shard, Table::Recordings) else {
+                continue;
+            };
+            let name = part_name(self.options.shard, part);
             without_rows(&self.storage, &self.directory, &name, names, &self.options)?;
             commit.recordings.retain(|r| !is_forgotten(r));
             let id = (self.options.shard, *number);
@@ -129,12 +138,13 @@ impl OutputDirectory {
     pub fn writer(self) -> Result<TableWriter, TableError> {
         let open = self.open_recording().cloned();
         let next = self.commits.keys().next_back().map_or(0, |last| last + 1);
+        let next_part = directory::next_part(&self.directory, self.options.shard)?;
         directory::unmark_done(&self.storage, &self.directory)?;
         TableWriter::go_on(
             &self.directory,
             &self.options,
             self.storage,
-            next,
+            (next, next_part),
             open,
             self.lock,
         )
@@ -142,11 +152,16 @@ impl OutputDirectory {
 }
 
 /// Holds what is asked for against what the directory says of its run.
-fn check_run(directory: &Path, asked: &Run) -> Result<(), TableError> {
+pub(super) fn check_run(directory: &Path, asked: &Run, shard: u32) -> Result<(), TableError> {
     let another = |difference: String| TableError::AnotherRun {
         directory: directory.to_owned(),
         difference,
     };
+    if shard == WHOLE && commit::plan_path(directory).exists() {
+        return Err(another(
+            "a plan, whose shards --shard K/N writes".to_owned(),
+        ));
+    }
     match commit::read_run(directory) {
         Ok(Some(run)) if run == *asked => Ok(()),
         Ok(Some(run)) => Err(another(run.difference(asked))),
@@ -160,20 +175,29 @@ fn check_run(directory: &Path, asked: &Run) -> Result<(), TableError> {
 
 /// Does `directory` hold a run that has given no step, so that nothing is lost with it? Not where others may be
 /// writing their shards of it.
-fn is_without_steps(directory: &Path, shard: u32) -> bool {
+fn is_without_steps(directory: &Path) -> bool {
     let is_run = matches!(commit::read_run(directory), Ok(Some(_)));
     let is_empty = |commit: &Commit| commit.n_steps == Some(0);
     is_run
-        && commit::read_commits(directory, shard).is_ok_and(|c| c.values().all(is_empty))
-        && directory::is_of_shard_alone(directory, shard)
+        && !commit::plan_path(directory).exists()
+        && commit::read_commits(directory, WHOLE).is_ok_and(|c| c.values().all(is_empty))
 }
 
 /// How often, and after which pauses, a lock is tried again.
 const LOCK_TRIES: u32 = 5;
 const LOCK_PAUSE: Duration = Duration::from_millis(20);
 
+/// Locks all shards that there are, so that nobody writes.
+pub(super) fn lock_shards(storage: &Storage, directory: &Path) -> Result<Vec<File>, TableError> {
+    commit::locked_shards(directory)?
+        .into_iter()
+        .filter(|&shard| shard != WHOLE)
+        .map(|shard| lock(storage, directory, shard))
+        .collect()
+}
+
 /// A lock that the system releases when its holder ends, however that comes.
-fn lock(storage: &Storage, directory: &Path, shard: u32) -> Result<File, TableError> {
+pub(super) fn lock(storage: &Storage, directory: &Path, shard: u32) -> Result<File, TableError> {
     let path = commit::lock_path(directory, shard);
     let mut file = storage.open_lock(&path)?;
     let mut locked = file.try_lock();
@@ -192,9 +216,12 @@ fn lock(storage: &Storage, directory: &Path, shard: u32) -> Result<File, TableEr
             let _unknown: std::io::Result<usize> = (&file).take(32).read_to_string(&mut holder);
             return Err(TableError::Locked {
                 directory: directory.to_owned(),
+                shard,
                 holder: holder.trim().to_owned(),
             });
         }
+        // No locks here, as on some network drives: two processes on one shard then meet at the first commit.
+        Err(TryLockError::Error(_)) if shard != WHOLE => {}
         Err(TryLockError::Error(e)) => return Err(TableError::io("lock", &path)(e)),
     }
     // Only for the message that another process gives; the lock is what counts.

@@ -16,7 +16,7 @@ use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::schema::types::ColumnPath;
 
 use super::commit::{self, Commit, Mark, OpenRecording};
-use super::directory;
+use super::directory::{self, WHOLE, part_name};
 use super::error::TableError;
 use super::output::OutputDirectory;
 use super::rows::{Batches, RowsBuilder};
@@ -44,7 +44,7 @@ const ZSTD_LEVEL: i32 = 3;
 pub struct TableOptions {
     /// Write the per-step table.
     pub steps: bool,
-    /// Shard in the names of the parts; 0 when there is none.
+    /// Shard in the names of the parts, from 1; 0 when there is none.
     pub shard: u32,
     /// Key-value metadata of each file.
     pub metadata: Vec<(String, String)>,
@@ -72,7 +72,10 @@ pub struct TableWriter {
     options: TableOptions,
     storage: Storage,
     group: Option<Group>,
+    /// Number of the next commit.
     next: u32,
+    /// Number of the next parts. Those of a shard that were never committed stay until the end, and keep theirs.
+    next_part: u32,
     /// The recording whose rows are being written, and how many of its episodes are.
     open: Option<OpenRecording>,
     empty: Batches,
@@ -89,12 +92,12 @@ impl TableWriter {
         OutputDirectory::open(directory, options, false)?.writer()
     }
 
-    /// Writes on, from part group `next`.
+    /// Writes on, from the next commit and the next part.
     pub(super) fn go_on(
         directory: &Path,
         options: &TableOptions,
         storage: Storage,
-        next: u32,
+        (next, next_part): (u32, u32),
         open: Option<OpenRecording>,
         lock: File,
     ) -> Result<Self, TableError> {
@@ -108,6 +111,7 @@ impl TableWriter {
             storage,
             group: None,
             next,
+            next_part,
             open,
             empty,
             _lock: lock,
@@ -125,7 +129,7 @@ impl TableWriter {
                 &self.storage,
                 &self.directory,
                 &self.options,
-                self.next,
+                self.next_part,
             )?),
         };
         group.write(batches)?;
@@ -159,12 +163,43 @@ impl TableWriter {
     pub fn commit(&mut self) -> Result<(), TableError> {
         if let Some(mut group) = self.group.take() {
             group.commit.open.clone_from(&self.open);
-            let commit = group.commit()?;
-            let id = (self.options.shard, self.next);
-            commit::write_commit(&self.storage, &self.directory, id, &commit)?;
+            if self.options.shard == WHOLE {
+                let commit = group.commit()?;
+                let id = (WHOLE, self.next);
+                commit::write_commit(&self.storage, &self.directory, id, &commit)?;
+            } else {
+                self.commit_new(group)?;
+            }
             self.next += 1;
+            self.next_part += 1;
         }
         Ok(())
+    }
+
+    /// The same for a shard. Whether locks reach from machine to machine is not known: so the number of a commit goes
+    /// to the first process that asks for it, and what another did meanwhile on the same rows counts for nothing.
+    fn commit_new(&self, group: Group) -> Result<(), TableError> {
+        let shard = self.options.shard;
+        let overtaken = |e: TableError| {
+            if e.is_taken() {
+                let directory = self.directory.clone();
+                TableError::Overtaken { directory, shard }
+            } else {
+                e
+            }
+        };
+        let commit = group.commit().map_err(overtaken)?;
+        let id = (shard, self.next);
+        let written = commit::write_new_commit(&self.storage, &self.directory, id, &commit);
+        written.map_err(|e| {
+            if e.is_taken() {
+                for part in &commit.parts {
+                    // Should it stay, nothing names it, and `coact finish` removes it.
+                    let _best_effort = self.storage.remove(&self.directory.join(part));
+                }
+            }
+            overtaken(e)
+        })
     }
 
     /// How long writing has waited for the disk; it goes on counting after the writer is gone.
@@ -194,11 +229,6 @@ impl TableWriter {
     }
 }
 
-/// Name of the part of a group, in each table.
-pub(super) fn part_name(shard: u32, number: u32) -> String {
-    format!("part-{shard:05}-{number:05}.parquet")
-}
-
 fn tables(options: &TableOptions) -> impl Iterator<Item = Table> + use<> {
     let steps = options.steps;
     Table::ALL
@@ -222,8 +252,12 @@ impl Group {
     ) -> Result<Self, TableError> {
         let name = part_name(options.shard, number);
         let parts = tables(options)
-            .map(|table| Part::create(storage, directory, table, &name, options))
-            .collect::<Result<_, _>>()?;
+            .map(|table| {
+                let mut part = Part::create(storage, directory, table, &name, options)?;
+                part.is_new = options.shard != WHOLE;
+                Ok(part)
+            })
+            .collect::<Result<_, TableError>>()?;
         let commit = Commit {
             parts: tables(options)
                 .map(|table| format!("{}/{name}", table.name()))
@@ -264,6 +298,8 @@ pub(super) struct Part {
     table: Table,
     path: PathBuf,
     temporary: PathBuf,
+    /// Its name goes to the first that takes it.
+    is_new: bool,
     writer: Option<ArrowWriter<NewFile>>,
 }
 
@@ -276,7 +312,7 @@ impl Part {
         options: &TableOptions,
     ) -> Result<Self, TableError> {
         let folder = directory.join(table.name());
-        let temporary = folder.join(directory::temporary_name(name));
+        let temporary = folder.join(directory::own_temporary_name(name));
         let file = storage.create(&temporary)?;
         let writer = ArrowWriter::try_new(file, table.schema(), Some(properties(table, options)))
             .map_err(TableError::parquet(&temporary))?;
@@ -285,6 +321,7 @@ impl Part {
             table,
             path: folder.join(name),
             temporary,
+            is_new: false,
             writer: Some(writer),
         })
     }
@@ -322,7 +359,11 @@ impl Part {
         let file = writer
             .into_inner()
             .map_err(TableError::parquet(&self.temporary))?;
-        self.storage.commit(file, &self.temporary, &self.path)?;
+        if self.is_new {
+            self.storage.commit_new(file, &self.temporary, &self.path)?;
+        } else {
+            self.storage.commit(file, &self.temporary, &self.path)?;
+        }
         Ok(())
     }
 }

@@ -53,6 +53,7 @@ fn recordings(folder: &Path, n: usize) {
 fn config(inputs: &Path, output: &Path, faults: Option<Arc<Faults>>) -> Config {
     Config {
         inputs: vec![inputs.to_owned()],
+        shard: None,
         output: Some(output.to_owned()),
         events: None,
         params: ExtractionParams::new(RawParams::default()).unwrap(),

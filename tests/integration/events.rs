@@ -288,6 +288,7 @@ fn recordings(folder: &Path, n: usize) {
 fn config(inputs: &Path, output: Option<&Path>, events: Option<&Path>) -> Config {
     Config {
         inputs: vec![inputs.to_owned()],
+        shard: None,
         output: output.map(ToOwned::to_owned),
         events: events.map(ToOwned::to_owned),
         params: ExtractionParams::new(RawParams::default()).unwrap(),

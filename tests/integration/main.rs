@@ -30,6 +30,8 @@ mod read_ahead;
 mod recording;
 mod report;
 mod results;
+#[cfg(unix)]
+mod shards;
 mod show;
 mod support;
 mod tables;

@@ -166,6 +166,7 @@ fn what_a_run_says_of_its_recordings_comes_back() {
     let out = dir.path().join("out");
     let config = Config {
         inputs: vec![input],
+        shard: None,
         output: Some(out.clone()),
         events: None,
         params: ExtractionParams::new(RawParams::default()).unwrap(),

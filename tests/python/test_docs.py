@@ -15,6 +15,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 GUIDE = ROOT / "docs/recordings.md"
 IN_CI = ROOT / "docs/in-ci.md"
+SCALING = ROOT / "docs/scaling.md"
+IN_SHARDS = ("acrobot", "boxing_ram", "cartpole", "halfcheetah", "mountaincar", "pendulum")
 # Of a run that is over, how long it took is all that may differ.
 TIMING = re.compile(r" in [\d.]+ s \([^)]*\)")
 
@@ -65,13 +67,18 @@ def test_the_guide_shows_what_is_printed(coact: Path, folder: Path, tmp_path: Pa
     assert done.returncode == (1 if is_failure else 3 if has_losses else 0)
 
 
-def test_the_guide_to_ci_shows_what_is_printed(coact: Path, tmp_path: Path) -> None:
-    """Its commands go on from one another, so they are run in order and in one folder."""
+@pytest.mark.parametrize(
+    ("guide", "recordings"), [(IN_CI, ("cartpole", "pendulum")), (SCALING, IN_SHARDS)], ids=["in-ci", "scaling"]
+)
+def test_the_commands_of_a_guide_go_on_from_one_another(
+    coact: Path, tmp_path: Path, guide: Path, recordings: tuple[str, ...]
+) -> None:
+    """They are run in order and in one folder."""
     (tmp_path / "recordings").mkdir()
-    for name in ("cartpole.mcap", "pendulum.mcap"):
-        shutil.copy(ROOT / "fixtures/recordings" / name, tmp_path / "recordings")
+    for name in recordings:
+        shutil.copy(ROOT / "fixtures/recordings" / f"{name}.mcap", tmp_path / "recordings")
     code = 0
-    for command in shown(IN_CI):
+    for command in shown(guide):
         if command.command == "echo $?":
             assert_prints(command, f"{code}\n")
             continue
@@ -82,7 +89,7 @@ def test_the_guide_to_ci_shows_what_is_printed(coact: Path, tmp_path: Path) -> N
         assert_prints(command, done.stderr + done.stdout)
 
 
-@pytest.mark.parametrize("guide", [GUIDE, IN_CI], ids=lambda guide: guide.name)
+@pytest.mark.parametrize("guide", [GUIDE, IN_CI, SCALING], ids=lambda guide: guide.name)
 def test_links_lead_somewhere(guide: Path) -> None:
     text = guide.read_text()
     headings = re.findall(r"^#+ (.*)$", text, flags=re.MULTILINE)

@@ -139,6 +139,17 @@ def out(run: Run, root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
+def out_in_shards(run: Run, root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The tables of the fixtures from four shards, the last first."""
+    out = tmp_path_factory.mktemp("shards") / "out"
+    run(["plan", root / "fixtures", "-o", out, "--shards", "4"])
+    for shard in (4, 2, 3, 1):
+        run(["extract", "--shard", f"{shard}/4", "-o", out])
+    run(["finish", out])
+    return out
+
+
+@pytest.fixture(scope="session")
 def out_together(run: Run, root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Some with the joints together."""
     out = tmp_path_factory.mktemp("together") / "out"
@@ -223,6 +234,11 @@ def test_all_three_load_the_same_rows_in_the_same_order(any_out: Path, table: st
     # DuckDB calls UTC by its other name.
     assert_frame_equal(in_duckdb.cast(dict(in_polars.schema)), in_polars, check_exact=True)
     assert_frame_equal(pl.from_pandas(in_pandas, schema_overrides=dict(in_polars.schema)), in_polars, check_exact=True)
+
+
+@every_table
+def test_shards_are_loaded_as_one_run_in_the_same_order(out: Path, out_in_shards: Path, table: str) -> None:
+    assert_frame_equal(load(out_in_shards, table), load(out, table), check_exact=True)
 
 
 def test_there_is_something_to_load(out: Path, root: Path) -> None:
