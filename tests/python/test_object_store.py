@@ -145,9 +145,13 @@ def run(coact: Path, proxy: Proxy) -> Iterator[Callable[..., subprocess.Complete
     yield run
 
 
-def assert_same_tables(found: Path, expected: Path) -> None:
+def assert_same_tables(found: Path, expected: Path, *, sort: bool = False) -> None:
+    """A recording that failed and was tried again stands behind the others: those tables are sorted first."""
     for table in TABLES:
-        assert pq.read_table(found / table).equals(pq.read_table(expected / table)), table
+        tables = [pq.read_table(out / table) for out in (found, expected)]
+        if sort and table == "recordings":
+            tables = [t.sort_by("recording") for t in tables]
+        assert tables[0].equals(tables[1]), table
 
 
 @pytest.fixture(scope="module")
@@ -170,7 +174,7 @@ def test_rows_are_those_of_local_files(run, proxy: Proxy, expected: Path, tmp_pa
     # The same command finds all that did not fail as it was.
     again = run("extract", f"s3://{BUCKET}/runs", "-o", out, "--summary", "json")
     assert json.loads(again.stdout)["n_recordings_before"] == 6
-    assert_same_tables(out, expected)
+    assert_same_tables(out, expected, sort=True)
 
 
 def test_shards_read_from_a_store(run, expected: Path, tmp_path: Path) -> None:  # noqa: ANN001
