@@ -17,6 +17,8 @@ pub mod extraction;
 
 pub mod recording;
 
+mod cloud;
+
 mod storage;
 
 mod text;

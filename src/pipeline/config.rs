@@ -7,6 +7,7 @@ use thiserror::Error;
 
 use super::inputs::InputError;
 use super::plan::Shard;
+use crate::cloud;
 use crate::events::{EventsError, EventsOptions};
 use crate::extraction::ExtractionParams;
 use crate::recording::ReadOptions;
@@ -50,6 +51,17 @@ impl Config {
             .collect()
     }
 
+    /// Is what is to be written in the file system?
+    pub(super) fn check_outputs(&self) -> Result<(), RunError> {
+        let mut outputs = [&self.output, &self.events].into_iter().flatten();
+        match outputs.find_map(|path| cloud::address(path)) {
+            Some(address) => Err(RunError::Arguments(format!(
+                "{address} cannot be written to: results go to a file system, from where they can be copied"
+            ))),
+            None => Ok(()),
+        }
+    }
+
     /// Where the tables go, and the shard that goes there; 0 when there is none.
     pub fn tables(&self) -> Option<(PathBuf, u32)> {
         let shard = self.shard.as_ref().map_or(0, |shard| shard.number);
@@ -87,7 +99,7 @@ impl From<InputError> for RunError {
     fn from(e: InputError) -> Self {
         match e {
             InputError::BadGlob { .. } => Self::Arguments(e.to_string()),
-            InputError::Nothing(_) => Self::Failed(e.into()),
+            InputError::Nothing(_) | InputError::NoListing { .. } => Self::Failed(e.into()),
         }
     }
 }

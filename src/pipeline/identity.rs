@@ -1,5 +1,5 @@
 //! By what a recording is known again: name, size, and a hash of the first and last bytes of its files. Enough to tell
-//! another recording from the same, without reading gigabytes.
+//! another recording from the same, without reading gigabytes. Of an object in a store, its tag stands for the hash.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -16,9 +16,10 @@ const HASHED: u64 = 64 << 10;
 
 /// The identity of a recording as it is now; of one that cannot be read, with an empty hash.
 pub(crate) fn of(input: &Input) -> RecordingIdentity {
-    let hash = match &input.problem {
-        None => hash(&input.files).unwrap_or_default(),
-        Some(_) => String::new(),
+    let hash = match (&input.problem, &input.remote) {
+        (None, Some(about)) => about.tag.clone(),
+        (None, None) => hash(&input.files).unwrap_or_default(),
+        (Some(_), _) => String::new(),
     };
     RecordingIdentity {
         name: Arc::clone(&input.name),

@@ -8,6 +8,7 @@ use std::sync::Arc;
 
 use thiserror::Error;
 
+use crate::cloud::{self, About, Object};
 use crate::events::is_events_file;
 use crate::recording::{ROSBAG2_METADATA, rosbag2_files};
 
@@ -22,6 +23,8 @@ pub(crate) struct Input {
     pub(crate) files: Vec<PathBuf>,
     /// Set if it is known already that it cannot be read.
     pub(crate) problem: Option<String>,
+    /// What its object store says of it; `None` for files.
+    pub(crate) remote: Option<About>,
 }
 
 /// Inputs among which there is nothing to read.
@@ -30,6 +33,14 @@ pub enum InputError {
     /// No argument led to a file.
     #[error("no recordings found in {0} (looked for *.mcap and *.mcap.zst)")]
     Nothing(String),
+    /// An address whose objects cannot be listed.
+    #[error("cannot list {address}: {reason}")]
+    NoListing {
+        /// As typed.
+        address: String,
+        /// What the store said.
+        reason: String,
+    },
     /// A glob that cannot be parsed.
     #[error("{pattern:?} is not a glob: {reason}")]
     BadGlob {
@@ -44,7 +55,9 @@ pub enum InputError {
 pub(crate) fn find(arguments: &[PathBuf]) -> Result<Vec<Input>, InputError> {
     let mut found = Found::default();
     for argument in arguments {
-        if !argument.exists() && is_glob(argument) {
+        if let Some(address) = cloud::address(argument) {
+            found.address(address)?;
+        } else if !argument.exists() && is_glob(argument) {
             found.glob(argument)?;
         } else if argument.is_dir() {
             found.folder(argument);
@@ -68,6 +81,9 @@ pub(crate) fn find(arguments: &[PathBuf]) -> Result<Vec<Input>, InputError> {
 impl Input {
     /// Bytes of its files, as far as they are there.
     pub(crate) fn bytes(&self) -> u64 {
+        if let Some(about) = &self.remote {
+            return about.bytes;
+        }
         self.files
             .iter()
             .filter_map(|file| std::fs::metadata(file).ok())
@@ -81,6 +97,7 @@ struct Entry {
     path: PathBuf,
     files: Vec<PathBuf>,
     problem: Option<String>,
+    remote: Option<About>,
 }
 
 /// Recordings by the absolute path of their file or bag directory, which makes each unique.
@@ -108,6 +125,7 @@ impl Found {
             path: path.to_owned(),
             files: vec![path.to_owned()],
             problem,
+            remote: None,
         });
     }
 
@@ -123,12 +141,14 @@ impl Found {
                     path: folder.to_owned(),
                     files,
                     problem: None,
+                    remote: None,
                 }
             }
             Err(problem) => Entry {
                 path: folder.to_owned(),
                 files: vec![folder.to_owned()],
                 problem: Some(problem),
+                remote: None,
             },
         };
         self.files.entry(absolute(folder)).or_insert(entry);
@@ -170,6 +190,52 @@ impl Found {
         }
     }
 
+    /// A recording in an object store, or all below a prefix.
+    fn address(&mut self, address: &str) -> Result<(), InputError> {
+        if is_glob(Path::new(address)) {
+            return Err(InputError::BadGlob {
+                pattern: address.to_owned(),
+                reason: "object stores have none: name a recording, or what many begin with"
+                    .to_owned(),
+            });
+        }
+        if is_recording(OsStr::new(address)) {
+            let about = cloud::about(&[address]).pop();
+            match about.unwrap_or_else(|| Err(std::io::ErrorKind::NotFound.into())) {
+                Ok(about) => self.object(address, Some(about), None),
+                Err(e) => self.object(address, None, Some(format!("cannot be read: {e}"))),
+            }
+            return Ok(());
+        }
+        let objects = cloud::list(address).map_err(|e| InputError::NoListing {
+            address: address.to_owned(),
+            reason: e.to_string(),
+        })?;
+        for object in objects {
+            let Object { address, about } = object;
+            let name = address.rsplit('/').next().unwrap_or_default();
+            // What is inside is not looked at: of events files the name must do, and a bag is not put together.
+            if name == ROSBAG2_METADATA {
+                let problem = "stands beside the files of a rosbag2 directory, which is read as one recording only \
+                               from a file system; its files are recordings of their own here";
+                self.object(&address, Some(about), Some(problem.to_owned()));
+            } else if is_recording(OsStr::new(name)) && !name.ends_with(".events.mcap") {
+                self.object(&address, Some(about), None);
+            }
+        }
+        Ok(())
+    }
+
+    fn object(&mut self, address: &str, remote: Option<About>, problem: Option<String>) {
+        let path = PathBuf::from(address);
+        self.files.entry(path.clone()).or_insert_with(|| Entry {
+            files: vec![path.clone()],
+            path,
+            problem,
+            remote,
+        });
+    }
+
     fn glob(&mut self, pattern: &Path) -> Result<(), InputError> {
         let text = pattern.to_str().ok_or_else(|| InputError::BadGlob {
             pattern: readable(pattern.as_os_str()),
@@ -201,6 +267,7 @@ impl Found {
                     path,
                     files,
                     problem,
+                    remote,
                 } = entry;
                 let relative = absolute.strip_prefix(&ancestor).unwrap_or(&absolute);
                 let name: Vec<String> = relative
@@ -212,6 +279,7 @@ impl Found {
                     path,
                     files,
                     problem,
+                    remote,
                 }
             })
             .collect();
@@ -240,6 +308,9 @@ fn common_ancestor<'a>(mut files: impl Iterator<Item = &'a PathBuf>) -> PathBuf 
 
 /// Absolute, `.` and `..` taken out as they stand, so that one file typed in two ways is one file.
 pub(super) fn absolute(path: &Path) -> PathBuf {
+    if cloud::address(path).is_some() {
+        return path.to_owned();
+    }
     let mut clean = PathBuf::new();
     for component in std::path::absolute(path)
         .unwrap_or_else(|_| path.to_owned())

@@ -86,6 +86,7 @@ pub fn run(
     interrupt: &Interrupt,
 ) -> Result<RunSummary, RunError> {
     let started = Instant::now();
+    config.check_outputs()?;
     let inputs = match &config.shard {
         Some(shard) => shard.inputs(),
         None => inputs::find(&config.inputs)?,

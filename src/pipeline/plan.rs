@@ -6,6 +6,7 @@ use std::sync::Arc;
 use super::balance;
 use super::config::{Config, RunError};
 use super::inputs::{self, Input};
+use crate::cloud;
 use crate::tables::{self, Plan, PlannedRecording, PlannedShard, TableOptions};
 
 pub use crate::tables::{Finish, Finished, MissingRecordings};
@@ -44,6 +45,7 @@ pub fn plan(
     options: serde_json::Map<String, serde_json::Value>,
     n_shards: u32,
 ) -> Result<Planned, RunError> {
+    config.check_outputs()?;
     let inputs = inputs::find(&config.inputs)?;
     let root = root(&inputs);
     let recordings: Vec<PlannedRecording> =
@@ -107,10 +109,16 @@ impl Shard {
         let root = inputs::from_readable(&self.plan.root);
         let shard = self.number.checked_sub(1);
         let planned = shard.and_then(|index| self.plan.shards.get(index as usize));
-        planned.map_or_else(Vec::new, |planned| {
-            let recordings = planned.recordings.iter();
-            recordings.map(|r| input(r, &root)).collect()
-        })
+        let Some(planned) = planned else {
+            return Vec::new();
+        };
+        let recordings = || planned.recordings.iter();
+        let mut inputs: Vec<Input> = recordings().map(|r| input(r, &root)).collect();
+        find_in_stores(&mut inputs);
+        for (input, planned) in inputs.iter_mut().zip(recordings()) {
+            check_unchanged(input, planned);
+        }
+        inputs
     }
 
     /// The names of all recordings of the run.
@@ -133,7 +141,10 @@ fn planned(input: &Input, root: &Path) -> PlannedRecording {
     let files: Vec<PathBuf> = input
         .files
         .iter()
-        .map(|file| std::path::absolute(file).unwrap_or_else(|_| file.clone()))
+        .map(|file| match cloud::address(file) {
+            Some(_) => file.clone(),
+            None => std::path::absolute(file).unwrap_or_else(|_| file.clone()),
+        })
         .collect();
     let is_named_so = files == [root.join(inputs::from_readable(&input.name))];
     PlannedRecording {
@@ -162,15 +173,37 @@ fn input(planned: &PlannedRecording, root: &Path) -> Input {
             .map(|f| inputs::from_readable(f))
             .collect()
     };
-    let mut input = Input {
+    Input {
         name: Arc::clone(&planned.name),
         path,
         files,
         problem: planned.problem.clone(),
-    };
+        remote: None,
+    }
+}
+
+/// Asks the stores what they have of recordings that are no files.
+fn find_in_stores(inputs: &mut [Input]) {
+    let mut remote: Vec<(String, &mut Input)> = inputs
+        .iter_mut()
+        .filter(|input| input.problem.is_none())
+        .filter_map(|input| Some((cloud::address(&input.path)?.to_owned(), input)))
+        .collect();
+    let addresses: Vec<&str> = remote.iter().map(|(address, _)| address.as_str()).collect();
+    let found = cloud::about(&addresses);
+    for ((_, input), about) in remote.iter_mut().zip(found) {
+        match about {
+            Ok(about) => input.remote = Some(about),
+            Err(e) => input.problem = Some(format!("cannot be read: {e}")),
+        }
+    }
+}
+
+fn check_unchanged(input: &mut Input, planned: &PlannedRecording) {
     let bytes = input.bytes();
+    let is_gone = |file: &&PathBuf| cloud::address(file).is_none() && !file.exists();
     if input.problem.is_none() && bytes != planned.bytes {
-        input.problem = Some(match input.files.iter().find(|file| !file.exists()) {
+        input.problem = Some(match input.files.iter().find(is_gone) {
             Some(file) => format!(
                 "{} was there when the run was planned, and is gone",
                 file.display()
@@ -181,5 +214,4 @@ fn input(planned: &PlannedRecording, root: &Path) -> Input {
             ),
         });
     }
-    input
 }

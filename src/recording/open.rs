@@ -8,6 +8,7 @@ use super::error::RecordingError;
 use super::limits::Limits;
 use super::records::{MAGIC, RecordSource};
 use super::sniff;
+use crate::cloud::{self, RemoteFile};
 
 /// Bytes read from a file at a time.
 const BUFFER: usize = 256 << 10;
@@ -37,6 +38,11 @@ pub(crate) struct Fill {
 
 /// Opens `path`, which may be compressed as a whole (`.mcap.zst`).
 pub(crate) fn open(path: &Path, limits: &Limits) -> Result<Opened, RecordingError> {
+    if let Some(address) = cloud::address(path) {
+        let file = RemoteFile::open(address)?;
+        let bytes = file.size();
+        return opened(path, file, bytes, limits);
+    }
     let about = fs::metadata(path)?;
     if !about.is_file() {
         let what = if about.is_dir() {
@@ -46,8 +52,15 @@ pub(crate) fn open(path: &Path, limits: &Limits) -> Result<Opened, RecordingErro
         };
         return Err(RecordingError::NotAFile(what));
     }
-    let bytes = about.len();
-    let mut file = File::open(path)?;
+    opened(path, File::open(path)?, about.len(), limits)
+}
+
+fn opened(
+    path: &Path,
+    mut file: impl Read + Seek + Send + 'static,
+    bytes: u64,
+    limits: &Limits,
+) -> Result<Opened, RecordingError> {
     let is_compressed = is_compressed(path);
     let filled = if is_compressed {
         None
@@ -104,13 +117,13 @@ impl Read for Failing {
 }
 
 /// Finds out whether a file of `len` bytes was filled up where writing it stopped. `file` then stands at its beginning.
-fn fill(file: &mut File, len: u64) -> io::Result<Option<Fill>> {
+fn fill(file: &mut (impl Read + Seek), len: u64) -> io::Result<Option<Fill>> {
     let found = fill_before(file, len);
     file.rewind()?;
     found
 }
 
-fn fill_before(file: &mut File, len: u64) -> io::Result<Option<Fill>> {
+fn fill_before(file: &mut (impl Read + Seek), len: u64) -> io::Result<Option<Fill>> {
     const BLOCK: u64 = 64 << 10;
     if len < (MAGIC.len() + MIN_FILL) as u64 {
         return Ok(None);

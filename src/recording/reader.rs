@@ -61,11 +61,14 @@ impl RecordingReader {
         options: &ReadOptions,
     ) -> Result<Self, RecordingError> {
         let (ingest, at, scanner) = begin(name, &files, options, None)?;
-        let bytes = files
-            .iter()
-            .filter_map(|f| std::fs::metadata(f).ok())
-            .map(|m| m.len())
-            .sum();
+        let bytes = match files.as_slice() {
+            [_] => scanner.bytes(),
+            files => files
+                .iter()
+                .filter_map(|f| std::fs::metadata(f).ok())
+                .map(|m| m.len())
+                .sum(),
+        };
         Ok(Self {
             ingest,
             files,

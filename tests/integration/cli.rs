@@ -331,3 +331,18 @@ fn completions_and_help() {
         "{help}"
     );
 }
+
+#[cfg(not(feature = "cloud"))]
+#[test]
+fn without_the_feature_an_address_is_refused_with_how_to_get_it() {
+    for input in ["s3://bucket/runs", "s3://bucket/runs/a.mcap"] {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_coact"));
+        let output = command
+            .args(["extract", input, "--dry-run"])
+            .output()
+            .unwrap();
+        assert_eq!(output.status.code(), Some(1));
+        let told = String::from_utf8(output.stderr).unwrap();
+        assert!(told.contains("--features cloud"), "{told}");
+    }
+}

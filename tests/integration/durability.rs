@@ -50,7 +50,7 @@ fn recordings(folder: &Path, n: usize) {
     }
 }
 
-fn config(inputs: &Path, output: &Path, faults: Option<Arc<Faults>>) -> Config {
+pub(crate) fn config(inputs: &Path, output: &Path, faults: Option<Arc<Faults>>) -> Config {
     Config {
         inputs: vec![inputs.to_owned()],
         shard: None,

@@ -3,7 +3,13 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::Arc;
 
+use coact::pipeline::{self, Config, Finish, Interrupt, RunError, Shard};
+use coact::tables::Faults;
+use rayon::prelude::*;
+
+use crate::durability::config;
 use crate::support::recording_builder::RecordingBuilder;
 use crate::support::rows::{check_all_open, rows, temporaries};
 
@@ -191,6 +197,59 @@ fn without_locks_two_processes_on_a_shard_leave_one_copy_of_each_row() {
         assert_eq!(temporaries(&output), [] as [PathBuf; 0]);
     }
     assert!(n_overtaken > 0, "no two processes met");
+}
+
+#[test]
+fn any_call_to_the_file_system_may_fail_in_a_shard_and_nothing_is_lost_or_doubled() {
+    let dir = tempfile::tempdir().unwrap();
+    let inputs = dir.path().join("in");
+    recordings(&inputs, 4, 3);
+    let whole = dir.path().join("whole");
+    pipeline::run(
+        &config(&inputs, &whole, None),
+        &|_| {},
+        &Interrupt::default(),
+    )
+    .unwrap();
+    let expected = rows(&whole);
+    let begin = |name: &str| {
+        let output = dir.path().join(name);
+        let planned =
+            pipeline::plan(&config(&inputs, &output, None), serde_json::Map::new(), 2).unwrap();
+        (output, Arc::new(planned.plan))
+    };
+    let run = |output: &Path, plan: &Arc<pipeline::Plan>, number, faults| {
+        let shard = Some(Shard {
+            number,
+            plan: Arc::clone(plan),
+        });
+        let config = Config {
+            shard,
+            ..config(&inputs, output, faults)
+        };
+        pipeline::run(&config, &|_| {}, &Interrupt::default())
+    };
+    let counter = Arc::new(Faults::none());
+    let (output, plan) = begin("counted");
+    run(&output, &plan, 1, Some(Arc::clone(&counter))).unwrap();
+    let n_calls = counter.calls();
+    assert!(n_calls > 50, "{n_calls} calls");
+    (0..n_calls).into_par_iter().for_each(|call| {
+        let (output, plan) = begin(&format!("out-{call}"));
+        let result = run(&output, &plan, 1, Some(Arc::new(Faults::at(call, false))));
+        assert!(
+            matches!(result, Err(RunError::Failed(_))),
+            "call {call}: {result:?}"
+        );
+        check_all_open(&output);
+        for number in [2, 1] {
+            run(&output, &plan, number, None).unwrap();
+        }
+        let finish = pipeline::finish(&output).unwrap();
+        assert!(matches!(finish, Finish::Done(_)), "call {call}: {finish:?}");
+        assert_eq!(rows(&output), expected, "call {call}");
+        assert_eq!(temporaries(&output), [] as [PathBuf; 0], "call {call}");
+    });
 }
 
 #[test]
