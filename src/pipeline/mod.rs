@@ -134,17 +134,17 @@ fn written(
         summary.add_done_before(done.n_episodes, done.clean);
     }
     for job in &work.jobs {
-        summary.add_begun_before(job.n_written);
+        summary.add_begun_before(job.written.n_episodes());
     }
     let events = events_writer(config, inputs);
     let in_tables = events.as_ref().map_or_else(InTables::default, |events| {
         InTables::for_events(&mut work, inputs, events)
     });
-    // Held until all is done: the directory, whole as it is, or its writer.
-    let (locked, tables) = if directory.is_complete() && in_tables.have_all(&work.jobs) {
-        (Some(directory), None)
+    let is_whole = directory.is_complete() && in_tables.have_all(&work.jobs);
+    let tables = if is_whole {
+        None
     } else {
-        (None, Some(directory.writer()?))
+        Some(directory.writer()?)
     };
     let mut outputs = Outputs {
         tables,
@@ -159,7 +159,7 @@ fn written(
         on_progress,
         interrupt,
     );
-    drop(locked);
+    drop(directory);
     let Some(mut writer) = outputs.tables else {
         return stages.map(|()| summary);
     };

@@ -94,7 +94,9 @@ pub(crate) struct Episodes {
     n_last: usize,
     /// Steps that were dropped before the next episode opens.
     n_dropped: u64,
-    ready: Vec<Episode>,
+    ready: Vec<(u64, Episode)>,
+    /// Episodes do not wait for those that appeared before them.
+    gives_early: bool,
 }
 
 impl Episodes {
@@ -114,7 +116,13 @@ impl Episodes {
             n_last: 0,
             n_dropped: 0,
             ready: Vec::new(),
+            gives_early: false,
         }
+    }
+
+    /// Gives episodes out in the order in which they close.
+    pub(crate) fn give_early(&mut self) {
+        self.gives_early = true;
     }
 
     /// Before the first message. What was lost until now stays lost.
@@ -136,8 +144,8 @@ impl Episodes {
         self.n_given
     }
 
-    /// Takes the closed episodes whose turn it is.
-    pub(crate) fn take_ready(&mut self) -> Vec<Episode> {
+    /// Takes the closed episodes whose turn it is, each with its place in the order of appearance.
+    pub(crate) fn take_ready(&mut self) -> Vec<(u64, Episode)> {
         std::mem::take(&mut self.ready)
     }
 
@@ -336,12 +344,20 @@ impl Episodes {
         if !matches!(id, Id::Nth(_)) {
             self.closed.insert(id.clone());
         }
+        if self.gives_early {
+            self.give(nth, &id, closed, common);
+            return;
+        }
         self.waiting.insert(nth, (id, closed));
         while let Some((id, closed)) = self.waiting.remove(&self.n_given) {
-            self.ready
-                .push(closed.named(key(common, &id, self.n_given), common));
-            self.n_given += 1;
+            self.give(self.n_given, &id, closed, common);
         }
+    }
+
+    fn give(&mut self, nth: u64, id: &Id, closed: Closed, common: &Common) {
+        let episode = closed.named(key(common, id, nth), common);
+        self.ready.push((nth, episode));
+        self.n_given += 1;
     }
 }
 

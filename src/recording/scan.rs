@@ -2,13 +2,15 @@
 //! passed over: one chunk is the unit of loss.
 
 use std::fmt::Write as _;
-use std::fs;
+use std::fs::{self, File};
+use std::io::{self, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::ahead::{Ahead, Slot};
 use super::decoded::{Decoded, Readers};
 use super::error::RecordingError;
+use super::growth::Growth;
 use super::limits::Limits;
 use super::open::{self, Fill};
 use super::records::{Next, op};
@@ -99,6 +101,35 @@ impl Scanner {
             has_lost_chunk: false,
             done: false,
         })
+    }
+
+    /// Begins with a file that is still being written, of which nothing is to be read yet.
+    pub(crate) fn live(path: &Path, limits: &Limits) -> Self {
+        let stream = open::nothing_yet(limits);
+        Self {
+            path: path.to_owned(),
+            // Too few to be read ahead: that would go beyond what is there.
+            bytes: 0,
+            fill: None,
+            position: stream.offset(),
+            ahead: Ahead::new(stream),
+            limits: *limits,
+            section: Section::Data,
+            ended: false,
+            has_lost_chunk: false,
+            done: false,
+        }
+    }
+
+    /// Takes the file as far as it has grown: whole records, or all of it once it is closed.
+    pub(crate) fn go_on(&mut self, mut file: File, growth: &Growth) -> io::Result<()> {
+        file.seek(SeekFrom::Start(self.position))?;
+        let end = growth.end();
+        self.ahead.stream.go_on(open::piece(file, self.position, end), end);
+        if growth.is_closed() {
+            self.bytes = end;
+        }
+        Ok(())
     }
 
     /// Size of the file at opening.

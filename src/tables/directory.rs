@@ -176,8 +176,7 @@ fn finished_name(name: &str) -> &str {
 fn shard_of(name: &str) -> Option<u32> {
     let numbers = name.strip_prefix("part-")?.strip_suffix(".parquet")?;
     let (shard, number) = numbers.split_once('-')?;
-    let digits = |t: &str| t.len() == 5 && t.bytes().all(|b| b.is_ascii_digit());
-    (digits(shard) && digits(number))
+    (commit::is_number(shard) && commit::is_number(number))
         .then(|| shard.parse().ok())
         .flatten()
 }
@@ -201,12 +200,14 @@ mod tests {
     #[test]
     fn only_parts_are_ours() {
         assert_eq!(shard_of("part-00000-00000.parquet"), Some(0));
+        assert_eq!(shard_of("part-00000-100000.parquet"), Some(0));
         assert_eq!(
             shard_of(finished_name(".part-00001-00012.parquet.tmp")),
             Some(1)
         );
         for name in [
             "part-0-0.parquet",
+            "part-00000-000000.parquet",
             "notes.parquet",
             "part-00000-00000.parquet.bak",
             "part-00000.parquet",

@@ -15,7 +15,7 @@ use parquet::file::metadata::KeyValue;
 use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::schema::types::ColumnPath;
 
-use super::commit::{self, Commit, Mark, OpenRecording};
+use super::commit::{self, Commit, Mark, OpenRecording, Written};
 use super::directory;
 use super::error::TableError;
 use super::output::OutputDirectory;
@@ -73,11 +73,11 @@ pub struct TableWriter {
     storage: Storage,
     group: Option<Group>,
     next: u32,
-    /// The recording whose rows are being written, and how many of its episodes are.
+    /// The recording whose rows are being written, and which of its episodes are.
     open: Option<OpenRecording>,
     empty: Batches,
     /// Held until the writer is gone.
-    _lock: File,
+    _lock: Arc<File>,
 }
 
 impl TableWriter {
@@ -95,8 +95,7 @@ impl TableWriter {
         options: &TableOptions,
         storage: Storage,
         next: u32,
-        open: Option<OpenRecording>,
-        lock: File,
+        lock: Arc<File>,
     ) -> Result<Self, TableError> {
         for table in tables(options) {
             storage.create_folder(&directory.join(table.name()))?;
@@ -108,7 +107,7 @@ impl TableWriter {
             storage,
             group: None,
             next,
-            open,
+            open: None,
             empty,
             _lock: lock,
         })
@@ -131,15 +130,13 @@ impl TableWriter {
         group.write(batches)?;
         for mark in marks {
             match mark {
-                Mark::Episode(identity) => match &mut self.open {
-                    Some(open) if open.identity == *identity => open.n_episodes += 1,
-                    open => {
-                        *open = Some(OpenRecording {
-                            identity: identity.clone(),
-                            n_episodes: 1,
-                        });
-                    }
-                },
+                // In order: all in front of it are there.
+                Mark::Episode(identity, nth) => {
+                    self.open = Some(OpenRecording {
+                        identity: identity.clone(),
+                        written: Written::first(nth + 1),
+                    });
+                }
                 Mark::Recording(done) => {
                     self.open = None;
                     group.commit.recordings.push(done.clone());
@@ -157,14 +154,36 @@ impl TableWriter {
     /// # Errors
     /// If the file system refuses.
     pub fn commit(&mut self) -> Result<(), TableError> {
-        if let Some(mut group) = self.group.take() {
-            group.commit.open.clone_from(&self.open);
-            let commit = group.commit()?;
-            let id = (self.options.shard, self.next);
-            commit::write_commit(&self.storage, &self.directory, id, &commit)?;
-            self.next += 1;
-        }
-        Ok(())
+        let open = self.open.clone();
+        self.commit_group(|commit| commit.open = open).map(|_| ())
+    }
+
+    /// The same for a group whose commit is to say more; what it says, if there was anything to commit.
+    pub(super) fn commit_group(
+        &mut self,
+        complete: impl FnOnce(&mut Commit),
+    ) -> Result<Option<(u32, Commit)>, TableError> {
+        let Some(mut group) = self.group.take() else {
+            return Ok(None);
+        };
+        complete(&mut group.commit);
+        let commit = group.commit()?;
+        let number = self.take_number();
+        let id = (self.options.shard, number);
+        commit::write_commit(&self.storage, &self.directory, id, &commit)?;
+        Ok(Some((number, commit)))
+    }
+
+    /// The number of the next group, which is taken with it.
+    pub(super) fn take_number(&mut self) -> u32 {
+        let number = self.next;
+        self.next += 1;
+        number
+    }
+
+    /// Tables without rows.
+    pub(super) fn empty_batches(&self) -> Batches {
+        self.empty.clone()
     }
 
     /// How long writing has waited for the disk; it goes on counting after the writer is gone.
@@ -199,7 +218,7 @@ pub(super) fn part_name(shard: u32, number: u32) -> String {
     format!("part-{shard:05}-{number:05}.parquet")
 }
 
-fn tables(options: &TableOptions) -> impl Iterator<Item = Table> + use<> {
+pub(super) fn tables(options: &TableOptions) -> impl Iterator<Item = Table> + use<> {
     let steps = options.steps;
     Table::ALL
         .into_iter()
