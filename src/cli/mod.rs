@@ -10,6 +10,7 @@ mod reading;
 pub mod report;
 mod show;
 mod signals;
+mod watch;
 
 use std::io::Write;
 
@@ -24,6 +25,7 @@ pub use progress::ProgressDisplay;
 pub use report::ReportArgs;
 pub use show::ShowArgs;
 pub use signals::Signals;
+pub use watch::{WatchArgs, WatchRequest};
 
 /// Finds composite actions in recordings of agents.
 #[derive(Debug, Parser)]
@@ -39,6 +41,8 @@ pub struct Cli {
 pub enum Command {
     /// Extract composite actions from recordings into Parquet tables
     Extract(Box<ExtractArgs>),
+    /// Extract recordings while they are written, episode by episode
+    Watch(Box<WatchArgs>),
     /// Show topics, fields and rates of recordings, and a command line that reads them
     Inspect(InspectArgs),
     /// Run the eight measures on the same recordings and show them side by side

@@ -17,6 +17,7 @@ mod inspect;
 mod resume;
 mod round;
 mod source;
+mod watch;
 
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -28,6 +29,7 @@ pub use compare::{CompareConfig, compare};
 pub use config::{Config, RunError};
 pub use inputs::InputError;
 pub use inspect::{Inspected, inspect};
+pub use watch::{Told, WatchConfig, watch};
 
 pub use crate::tables::DEFAULT_MAX_PART_ROWS;
 

@@ -109,7 +109,7 @@ pub(crate) fn work<'a>(
     }
     known
         .par_iter()
-        .map(|identity| check(identity, inputs, |input| identity::of(input)))
+        .map(|identity| check(identity, inputs, identity::of))
         .chain(
             beginnings
                 .par_iter()

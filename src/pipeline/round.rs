@@ -39,7 +39,7 @@ enum What {
 
 impl Extracted {
     /// Runs the method on every episode of a round and makes rows of the results.
-    pub(super) fn of(round: Round, config: &Config, in_tables: &mut InTables) -> Self {
+    pub(super) fn of(round: Round, config: &Config, in_tables: &InTables) -> Self {
         let Round { events, bytes } = round;
         let params: &ExtractionParams = &config.params;
         let events: Vec<(bool, Event)> = events

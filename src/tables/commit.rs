@@ -103,6 +103,9 @@ impl Written {
     }
 }
 
+/// Commits by shard and number.
+pub(super) type Commits = BTreeMap<(u32, u32), Commit>;
+
 /// One part group, as its commit file has it.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Commit {
@@ -250,9 +253,7 @@ pub(super) fn read_commits(
 }
 
 /// All commits, by shard and number.
-pub(super) fn read_all_commits(
-    directory: &Path,
-) -> Result<BTreeMap<(u32, u32), Commit>, TableError> {
+pub(super) fn read_all_commits(directory: &Path) -> Result<Commits, TableError> {
     read_commits_where(directory, |_| true)
 }
 
@@ -262,7 +263,7 @@ const LIST_TRIES: u32 = 100;
 fn read_commits_where(
     directory: &Path,
     is_wanted: impl Fn(u32) -> bool,
-) -> Result<BTreeMap<(u32, u32), Commit>, TableError> {
+) -> Result<Commits, TableError> {
     for _ in 0..LIST_TRIES {
         if let Some(commits) = list_commits(directory, &is_wanted)? {
             return Ok(without_replaced(commits));
@@ -276,7 +277,7 @@ fn read_commits_where(
 fn list_commits(
     directory: &Path,
     is_wanted: impl Fn(u32) -> bool,
-) -> Result<Option<BTreeMap<(u32, u32), Commit>>, TableError> {
+) -> Result<Option<Commits>, TableError> {
     let mut commits = BTreeMap::new();
     for path in super::directory::names_in(&commits_folder(directory))? {
         let name = path.file_name().and_then(|n| n.to_str());
@@ -293,7 +294,7 @@ fn list_commits(
 }
 
 /// Leaves out commits whose rows are in another.
-fn without_replaced(mut commits: BTreeMap<(u32, u32), Commit>) -> BTreeMap<(u32, u32), Commit> {
+fn without_replaced(mut commits: Commits) -> Commits {
     let replaced: BTreeSet<(u32, u32)> = commits
         .iter()
         .flat_map(|(&(shard, _), commit)| commit.replaces.iter().map(move |&n| (shard, n)))
