@@ -192,7 +192,8 @@ impl Watch<'_> {
         };
         self.summary.n_complete = count(&Watched::is_done);
         self.summary.n_growing = count(&|watched| !watched.is_done());
-        self.tables.finish(self.summary.n_growing == 0)?;
+        let is_whole = self.summary.n_complete > 0 && self.summary.n_growing == 0;
+        self.tables.finish(is_whole)?;
         Ok(self.summary)
     }
 }
