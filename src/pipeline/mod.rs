@@ -91,7 +91,7 @@ pub fn run(
         .map_err(RunError::Failed)?;
     let mut summary = pool.install(|| {
         if let Some(output) = &config.output {
-            return written(config, output, &inputs, on_progress, interrupt);
+            return written(config, output, inputs, on_progress, interrupt);
         }
         let jobs = resume::all(&inputs);
         let mut summary = RunSummary::default();
@@ -118,7 +118,7 @@ pub fn run(
 fn written(
     config: &Config,
     output: &Path,
-    inputs: &[Input],
+    inputs: Vec<Input>,
     on_progress: &(dyn Fn(Progress) + Sync),
     interrupt: &Interrupt,
 ) -> Result<RunSummary, RunError> {
@@ -130,6 +130,7 @@ fn written(
         ..TableOptions::default()
     };
     let mut directory = OutputDirectory::open(output, &options, config.overwrite)?;
+    let inputs = &resume::under_known_names(inputs, &config.inputs, &directory);
     let mut work = resume::work(inputs, &mut directory)?;
     let mut summary = RunSummary::default();
     for done in &work.before {

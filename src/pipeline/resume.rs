@@ -1,13 +1,14 @@
 //! What is left to do in a directory that an earlier process of the same run has written to.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
 use super::config::RunError;
 use super::identity;
-use super::inputs::Input;
+use super::inputs::{self, Input};
 use super::source::{Event, Job};
 use crate::events::EventsWriter;
 use crate::model::{RecordingIdentity, RecordingStatus};
@@ -83,6 +84,30 @@ pub(crate) fn all(inputs: &[Input]) -> Vec<Job<'_>> {
             written: Written::default(),
         })
         .collect()
+}
+
+/// The recordings under the names that the tables have for them: a watch calls them by their paths below its folder,
+/// also where they have a longer way in common.
+pub(crate) fn under_known_names(
+    inputs: Vec<Input>,
+    arguments: &[PathBuf],
+    directory: &OutputDirectory,
+) -> Vec<Input> {
+    let is_among = |name: &str, inputs: &[Input]| inputs.iter().any(|i| *i.name == *name);
+    let begun = directory.begun();
+    let known = directory
+        .done()
+        .into_keys()
+        .chain(begun.keys().map(|n| &**n));
+    let known: Vec<&str> = known.collect();
+    match arguments {
+        [folder] if folder.is_dir() && known.iter().any(|name| !is_among(name, &inputs)) => {
+            let below = inputs::find_below(folder);
+            let is_so_called = known.iter().all(|name| is_among(name, &below));
+            if is_so_called { below } else { inputs }
+        }
+        _ => inputs,
+    }
 }
 
 /// Takes recordings that are new, had failed, or were written in part.

@@ -364,7 +364,7 @@ def test_what_must_be_read_as_a_whole_is_read_once_it_is_complete(
 ) -> None:
     source = Path(__file__).resolve().parents[1] / "data/recordings/ros2/pendulum.mcap"
     data = source.read_bytes()
-    (runs / "robot.mcap").write_bytes(data[: len(data) // 2])
+    (runs / "robot.mcap").write_bytes(data[:-100])
     zstandard = pytest.importorskip("zstandard")
     packed = zstandard.compress(Growing(runs / "packed.mcap.zst").data)
     (runs / "packed.mcap.zst").write_bytes(packed[:500])
@@ -392,6 +392,23 @@ def test_a_run_takes_up_a_recording_that_was_never_closed(
         assert rows is not None
         assert rows["status"].to_list() == ["recovered"]
         check_equal(run, runs, watcher.out, 3)
+
+
+def test_names_stay_as_recordings_come_and_a_run_knows_them(
+    watching: Callable[..., Any], runs: Path, run: Run
+) -> None:
+    (runs / "deep").mkdir()
+    Growing(runs / "deep/a.mcap").grow()
+    with watching() as watcher:
+        watcher.wait_for(lambda: watcher.n("recordings") == 1, "the row of the recording")
+        watcher.stop()
+        # A run by itself would call it a.mcap.
+        run(["extract", runs, "-o", watcher.out, "-q"])
+        Growing(runs / "b.mcap").grow()
+        watcher.start()
+        watcher.wait_for(lambda: watcher.n("recordings") == 2, "the row of the recording")
+        watcher.stop()
+        check_equal(run, runs, watcher.out)
 
 
 def test_only_one_process_watches_and_arguments_are_checked(
