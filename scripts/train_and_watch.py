@@ -5,7 +5,7 @@
 # ///
 """Train an agent that takes composite actions of its own past into its set of actions, while it trains.
 
-A tabular Q-learner in MountainCar-v0 (positions and velocities in bins) records its episodes; `coact watch`, which this
+A tabular Q-learner in CartPole-v1 (its state in bins) records its episodes; `coact watch`, which this
 script starts and ends, extracts each as it ends. Every few episodes the learner asks the tables for the composite
 actions since, and makes the strongest of them macro actions: one choice then stands for their first steps, and is
 learnt like a single action, over as many steps as it took (Sutton, Precup and Singh, Between MDPs and semi-MDPs, 1999).
@@ -13,7 +13,7 @@ learnt like a single action, over as many steps as it took (Sutton, Precup and S
 Input: a directory to be made. Output: DIR/runs/training.mcap, DIR/out with the tables, and on stdout the learner's
 progress and what it took over.
 
-Example: train_and_watch.py training --coact target/release/coact --episodes 300
+Example: train_and_watch.py training --coact target/release/coact --episodes 400
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ import polars as pl
 from committed_tables import read_committed
 from record_rollouts import RecordRollouts
 
-N_BINS = 24
+# Of cart position, cart velocity, pole angle and its velocity; what is beyond the bounds is in the outer bins.
+N_BINS = (3, 3, 8, 8)
+BOUNDS = np.array([2.4, 2.0, 0.21, 2.0])
 LEARNING_RATE = 0.2
 DISCOUNT = 0.99
-# Where nothing has been tried, as good as it can be: the learner explores by itself.
-OPTIMISTIC = 0.0
-EPSILON = 0.02
+EPSILON = 0.05
 # A composite action may be as long as an episode; of a long one only the beginning fits where it is tried again.
-MAX_MACRO_STEPS = 10
-MIN_MACRO_STEPS = 3
+MAX_MACRO_STEPS = 4
+MIN_MACRO_STEPS = 2
 
 Macro = tuple[int, ...]
 
@@ -49,24 +49,20 @@ class Learner:
     """Q-learning over binned states, with actions that may take several steps."""
 
     def __init__(self, env: gym.Env, seed: int) -> None:
-        space = env.observation_space
-        assert isinstance(space, gym.spaces.Box)
-        self.low, self.high = space.low, space.high
         self.dice = np.random.default_rng(seed)
         # All that can be chosen: first the environment's own actions.
         self.macros: list[Macro] = [(action,) for action in range(env.action_space.n)]
-        self.values = np.full((N_BINS, N_BINS, len(self.macros)), OPTIMISTIC)
+        self.values = np.zeros((*N_BINS, len(self.macros)))
 
     def add(self, macro: Macro) -> None:
         self.macros.append(macro)
         # No better than what is known, so that what was learnt is not lost.
-        best = self.values.max(axis=2, keepdims=True)
-        self.values = np.concatenate([self.values, best], axis=2)
+        best = self.values.max(axis=-1, keepdims=True)
+        self.values = np.concatenate([self.values, best], axis=-1)
 
-    def bins(self, state: np.ndarray) -> tuple[int, int]:
-        share = (state - self.low) / (self.high - self.low)
-        position, velocity = np.clip(share * N_BINS, 0, N_BINS - 1).astype(int)
-        return int(position), int(velocity)
+    def bins(self, state: np.ndarray) -> tuple[int, ...]:
+        share = (state + BOUNDS) / (2 * BOUNDS)
+        return tuple(np.clip(share * N_BINS, 0, np.array(N_BINS) - 1).astype(int).tolist())
 
     def choose(self, state: np.ndarray) -> int:
         if self.dice.random() < EPSILON:
@@ -127,7 +123,7 @@ def train(args: argparse.Namespace) -> None:
     runs.mkdir(parents=True)
     with (
         watch(args.coact, runs, out),
-        RecordRollouts(gym.make("MountainCar-v0"), runs / "training.mcap", policy="Q-learning with macros") as env,
+        RecordRollouts(gym.make("CartPole-v1"), runs / "training.mcap", policy="Q-learning with macros") as env,
     ):
         learner = Learner(env, args.seed)
         env.reset(seed=args.seed)
@@ -154,9 +150,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("directory", type=Path, metavar="DIR", help="where recording and tables go; must not exist")
     parser.add_argument("--coact", type=Path, default=Path("coact"), help="the program [coact]")
-    parser.add_argument("--episodes", type=int, default=300, metavar="N", help="episodes to train [300]")
+    parser.add_argument("--episodes", type=int, default=400, metavar="N", help="episodes to train [400]")
     parser.add_argument("--every", type=int, default=20, metavar="N", help="episodes between two looks [20]")
-    parser.add_argument("--max-actions", type=int, default=7, metavar="N", help="actions with macros at most [7]")
+    parser.add_argument("--max-actions", type=int, default=6, metavar="N", help="actions with macros at most [6]")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
     if args.directory.exists():

@@ -136,9 +136,10 @@ def compare(runs: Path, out: Path, coact: Path, batch: Path) -> list[str]:
     for table, keys in KEYS.items():
         rows = read_committed(out, table)
         expected = pl.read_parquet(f"{batch}/{table}/*.parquet").sort(keys)
-        if rows is None or not rows.sort(keys).equals(expected):
+        is_same = rows is not None and rows.sort(keys).equals(expected)
+        if not is_same:
             problems.append(f"{table} differs from that of a later run")
-        print(f"{table}: {expected.height} rows, {'the same' if not problems else 'NOT the same'}")
+        print(f"{table}: {expected.height} rows, {'the same' if is_same else 'NOT the same'}")
     again = subprocess.run([coact, "extract", runs, "-o", out, "-q"], check=False).returncode
     if again:
         problems.append(f"a later run into the same directory ended with {again}")

@@ -3,9 +3,10 @@
 //! The rules (which field ends an episode, what a bad step does, what becomes of a message for a closed id) are the
 //! section "Recordings and episodes" of the README; `open_episode.rs` holds what happens inside one episode.
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use super::closed_ids::ClosedIds;
 use super::error::RecordingError;
 use super::limits::Limits;
 use super::open_episode::{Closed, OpenEpisode};
@@ -42,7 +43,7 @@ impl EpisodeRule {
 }
 
 /// The id of an episode, owned.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 enum Id {
     /// No id is logged; the order of appearance stands for it.
     Nth(u64),
@@ -81,7 +82,7 @@ pub(crate) struct Episodes {
     rule: Option<EpisodeRule>,
     limits: Limits,
     open: Vec<Open>,
-    closed: HashSet<Id>,
+    closed: ClosedIds,
     /// Closed, but an episode that appeared earlier is still open.
     waiting: BTreeMap<u64, (Id, Closed)>,
     n_appeared: u64,
@@ -106,7 +107,7 @@ impl Episodes {
             rule,
             limits,
             open: Vec::new(),
-            closed: HashSet::new(),
+            closed: ClosedIds::default(),
             waiting: BTreeMap::new(),
             n_appeared: 0,
             n_given: 0,
@@ -299,15 +300,15 @@ impl Episodes {
             return Some(index);
         }
         let id = match rule {
+            EpisodeRule::Id if self.closed.contains(meta.id) => {
+                tally.refuse("message for an episode that is closed", place.offset);
+                return None;
+            }
             EpisodeRule::Id => Id::of(meta.id)?,
             EpisodeRule::EndFlag | EpisodeRule::Recording | EpisodeRule::Cut => {
                 Id::Nth(self.n_appeared)
             }
         };
-        if self.closed.contains(&id) {
-            tally.refuse("message for an episode that is closed", place.offset);
-            return None;
-        }
         if self.open.len() >= self.limits.max_open_episodes
             && let Some(stalest) = (0..self.open.len()).min_by_key(|&i| self.open[i].last_fed)
         {
@@ -341,8 +342,10 @@ impl Episodes {
         let closed = episode.close(tally);
         self.n_last = closed.actions.n_rows();
         self.n_used += closed.actions.n_rows() as u64;
-        if !matches!(id, Id::Nth(_)) {
-            self.closed.insert(id.clone());
+        match &id {
+            Id::Nth(_) => {}
+            Id::Integer(id) => self.closed.insert_integer(*id),
+            Id::Text(id) => self.closed.insert_text(Arc::clone(id)),
         }
         if self.gives_early {
             self.give(nth, &id, closed, common);

@@ -13,6 +13,7 @@ mod ahead;
 mod align;
 mod channels;
 mod chunk;
+mod closed_ids;
 mod columns;
 mod decode;
 mod decoded;

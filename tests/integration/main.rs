@@ -32,3 +32,4 @@ mod results;
 mod show;
 mod support;
 mod tables;
+mod watch;
