@@ -51,6 +51,8 @@ pub(super) struct Watched {
     seen: Option<Stamp>,
     /// Since when it has looked so.
     at_rest_since: Instant,
+    /// How it looked when it was read through to see whether it is complete.
+    tried: Option<Stamp>,
     /// By what it is known while it grows.
     beginning: Arc<RecordingIdentity>,
     /// Its episodes that are in the tables, or on their way there.
@@ -127,6 +129,7 @@ impl Watched {
             growth: vec![Growth::default(); input.files.len()],
             seen: None,
             at_rest_since: Instant::now(),
+            tried: None,
             beginning: Arc::new(begun.beginning.unwrap_or_else(|| nothing(&input))),
             written: begun.written,
             greeting,
@@ -149,7 +152,7 @@ impl Watched {
             State::Left => return self.greeting.is_some(),
             State::Reading(_) => true,
             State::Growing(reader) => reader.can_go_on(),
-            State::New | State::UntilComplete => self.is_compressed(),
+            State::New | State::UntilComplete => self.is_compressed() && self.tried != self.seen,
             State::Done { .. } => false,
         };
         is_reading || self.seen != Some(Stamp::of(&self.input))
@@ -259,7 +262,11 @@ impl Watched {
             // At first sight too: it may have been there for long.
             let is_at_rest =
                 matches!(self.state, State::New) || self.at_rest_since.elapsed() > REST;
-            return Ok(is_at_rest && is_whole_zst(&self.input.files[0])?);
+            if !is_at_rest || self.tried == self.seen {
+                return Ok(false);
+            }
+            self.tried = self.seen;
+            return is_whole_zst(&self.input.files[0]);
         }
         for (file, growth) in self.input.files.iter().zip(&mut self.growth) {
             growth.advance(&File::open(file)?)?;
