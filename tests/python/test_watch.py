@@ -230,6 +230,7 @@ def test_of_interleaved_episodes_each_is_there_when_it_ends(
         growing.grow()
         run(["extract", runs, "-o", watcher.out, "-q"])
         watcher.start()
+        watcher.wait_for(lambda: not (watcher.out / "_SUCCESS").exists(), "a beginning")
         watcher.stop()
         check_equal(run, runs, watcher.out)
 
