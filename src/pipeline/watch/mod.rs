@@ -4,6 +4,7 @@
 //! What is known of a recording is in the tables: how it begins, and which of its episodes are there. So a process that
 //! ends, however it ends, is followed by one that reads the same file from its beginning and passes over those.
 
+mod files;
 mod recording;
 
 use std::collections::BTreeMap;

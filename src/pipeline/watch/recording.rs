@@ -1,20 +1,19 @@
 //! One recording that is watched: how far it is, and what it gives when it is looked at.
 
-use std::fs::{self, File};
+use std::fs::File;
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant};
 
 use super::Told;
+use super::files::{self, Stamp};
 use crate::model::{Episode, RecordingIdentity, RecordingRow, RecordingStatus};
 use crate::pipeline::identity;
 use crate::pipeline::inputs::Input;
 use crate::pipeline::resume::SETTLE;
 use crate::pipeline::source::Event;
-use crate::recording::{
-    Growth, OnDamage, ROSBAG2_METADATA, ReadOptions, RecordingReader, Start, is_whole_zst,
-};
+use crate::recording::{Growth, OnDamage, ReadOptions, RecordingReader, Start, is_whole_zst};
 use crate::tables::{BegunRecording, DoneRecording, Written};
 
 /// Bytes of values that one recording gives at a look, at least; more only by its last episode.
@@ -80,27 +79,6 @@ enum State {
     Left,
 }
 
-/// What changes when something is written to a recording's files: their size, and when the last was written to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Stamp {
-    bytes: u64,
-    modified: Option<SystemTime>,
-}
-
-impl Stamp {
-    fn of(input: &Input) -> Self {
-        let files = input.files.iter().filter_map(|f| fs::metadata(f).ok());
-        let start = Self {
-            bytes: 0,
-            modified: None,
-        };
-        files.fold(start, |stamp, about| Self {
-            bytes: stamp.bytes + about.len(),
-            modified: stamp.modified.max(about.modified().ok()),
-        })
-    }
-}
-
 impl Watched {
     /// A recording that comes into sight, of which the tables may have rows.
     pub(super) fn new(
@@ -121,7 +99,7 @@ impl Watched {
             }
             // What a run has begun to read from end to end must be what it was then.
             (None, Some(whole)) if identity::of(&input) != whole => (State::Left, Some(CHANGED)),
-            (None, _) if is_of_unfinished_bag(&input) => (State::Left, Some(OF_A_BAG)),
+            (None, _) if files::are_of_unfinished_bag(&input) => (State::Left, Some(OF_A_BAG)),
             (None, _) => (State::New, None),
         };
         Self {
@@ -152,7 +130,9 @@ impl Watched {
             State::Left => return self.greeting.is_some(),
             State::Reading(_) => true,
             State::Growing(reader) => reader.can_go_on(),
-            State::New | State::UntilComplete => self.is_compressed() && self.tried != self.seen,
+            State::New | State::UntilComplete => {
+                files::is_compressed(&self.input) && self.tried != self.seen
+            }
             State::Done { .. } => false,
         };
         is_reading || self.seen != Some(Stamp::of(&self.input))
@@ -255,10 +235,10 @@ impl Watched {
 
     /// How far its files have grown; true if they are complete.
     fn look_at_files(&mut self) -> io::Result<bool> {
-        if !self.is_plain()? {
+        if !files::are_plain(&self.input)? {
             return Ok(true);
         }
-        if self.is_compressed() {
+        if files::is_compressed(&self.input) {
             // At first sight too: it may have been there for long.
             let is_at_rest =
                 matches!(self.state, State::New) || self.at_rest_since.elapsed() > REST;
@@ -284,14 +264,14 @@ impl Watched {
     ) -> io::Result<()> {
         match &self.state {
             State::New | State::UntilComplete if is_complete => {
-                if self.is_plain()? {
+                if files::are_plain(&self.input)? {
                     self.take_beginning(&File::open(&self.input.files[0])?)?;
                 }
                 self.open(options, turn);
             }
             State::New => {
                 let can_grow = self.input.files.len() == 1
-                    && !self.is_compressed()
+                    && !files::is_compressed(&self.input)
                     && options.on_damage == OnDamage::Recover;
                 if !can_grow {
                     self.state = State::UntilComplete;
@@ -406,24 +386,6 @@ impl Watched {
         turn.events
             .push(Event::Recording(Arc::new(identity), Box::new(row)));
     }
-
-    /// Are its files files, which can be opened and do not block? A split one may lack some: that is told when it is read.
-    fn is_plain(&self) -> io::Result<bool> {
-        let files = &self.input.files;
-        for file in files {
-            match fs::metadata(file) {
-                Ok(about) if about.is_file() => {}
-                Err(e) if files.len() == 1 => return Err(e),
-                _ => return Ok(false),
-            }
-        }
-        Ok(self.input.problem.is_none())
-    }
-
-    fn is_compressed(&self) -> bool {
-        let name = self.input.path.extension();
-        name.is_some_and(|e| e.eq_ignore_ascii_case("zst"))
-    }
 }
 
 /// The identity of a recording of which nothing is known.
@@ -433,26 +395,4 @@ fn nothing(input: &Input) -> RecordingIdentity {
         bytes: 0,
         hash: Arc::from(""),
     }
-}
-
-/// Is this a file that rosbag2 is writing? Named after its folder, with a number; which files are one recording stands in
-/// `metadata.yaml`, which comes at the end.
-fn is_of_unfinished_bag(input: &Input) -> bool {
-    let Ok(path) = std::path::absolute(&input.path) else {
-        return false;
-    };
-    let folder = path.parent();
-    let name = |p: &std::path::Path| p.file_name().and_then(|n| n.to_str()).map(str::to_owned);
-    let (Some(folder_name), Some(stem)) = (
-        folder.and_then(name),
-        path.file_stem().and_then(|s| s.to_str()),
-    ) else {
-        return false;
-    };
-    let number = stem
-        .strip_prefix(&*folder_name)
-        .and_then(|rest| rest.strip_prefix('_'));
-    let is_numbered =
-        number.is_some_and(|n| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()));
-    is_numbered && folder.is_some_and(|f| !f.join(ROSBAG2_METADATA).is_file())
 }
