@@ -45,6 +45,27 @@ pub(super) fn map_each<C: Sync, R: Send>(
     }
 }
 
+/// All columns added to accumulators, and these to one another: how many there are depends on the threads, so only for
+/// sums that do not depend on their order.
+pub(super) fn fold<C: Sync, A: Send>(
+    columns: &[C],
+    n_steps: usize,
+    new: impl Fn() -> A + Sync + Send,
+    add: impl Fn(&mut A, &C) + Sync + Send,
+    merge: impl Fn(A, A) -> A + Sync + Send,
+) -> A {
+    let added = |mut to: A, column: &C| {
+        add(&mut to, column);
+        to
+    };
+    if are_worth_it(n_steps, columns.len()) {
+        let parts = columns.par_iter().fold(&new, added);
+        parts.reduce_with(merge).unwrap_or_else(new)
+    } else {
+        columns.iter().fold(new(), added)
+    }
+}
+
 /// Both results, computed at the same time if that is worth it.
 pub(super) fn join<A: Send, B: Send>(
     parallel: bool,

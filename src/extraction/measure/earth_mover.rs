@@ -3,18 +3,15 @@
 //! The distance of two windows as samples is `Σ |sort(p)_i − sort(q)_i| / W` (the 1-Wasserstein distance). Two windows
 //! that start j apart share W − j values, and shared values cancel in it: only the j values that one window has in
 //! front and the j that the other has behind are compared. Both are kept sorted while j grows, so that each j costs one
-//! insertion on each side.
+//! insertion on each side (`lanes`).
+
+mod lanes;
 
 use super::super::probability::Frequencies;
 use super::super::tasks;
 use super::super::window::Windows;
 use super::tail::Tail;
-
-/// Windows that a kernel takes at a time: sums hold whole blocks of them, and columns are padded for the last one.
-const LANES: usize = 64;
-
-/// Widest window that has a kernel of its own.
-const MAX_UNROLLED: usize = 16;
+use lanes::{LANES, Lane, PADDING, Rows};
 
 /// The mean over the columns of the least distance of each step's window from those it is compared with.
 pub(super) fn mean(columns: &[Vec<u16>], frequencies: &Frequencies, windows: &Windows) -> Vec<f64> {
@@ -36,28 +33,34 @@ pub(super) fn mean(columns: &[Vec<u16>], frequencies: &Frequencies, windows: &Wi
 }
 
 /// Sums of the least distances, times W; none of them exceeds `bound`.
-#[expect(
-    clippy::cast_possible_truncation,
-    reason = "the counts fit, as the caller has found"
-)]
 fn sums_narrow(columns: &[Vec<u16>], counts: &[u64], windows: &Windows, bound: u32) -> Vec<f64> {
-    let counts: Vec<i32> = counts.iter().map(|&c| c as i32).collect();
+    // Distances stay the same where every count is less by the same number.
+    let offset = counts.iter().copied().filter(|&c| c > 0).min().unwrap_or(0);
+    let counts = || counts.iter().map(|c| c.saturating_sub(offset));
+    let short: Option<Vec<u16>> = counts().map(|c| c.try_into().ok()).collect();
+    if let Some(counts) = short {
+        return sums_of_lanes(columns, &counts, windows, bound);
+    }
+    let counts: Vec<u32> = counts().map(|c| c.try_into().unwrap_or(u32::MAX)).collect();
+    sums_of_lanes(columns, &counts, windows, bound)
+}
+
+fn sums_of_lanes<C: Lane>(
+    columns: &[Vec<u16>],
+    counts: &[C],
+    windows: &Windows,
+    bound: u32,
+) -> Vec<f64> {
     let tail = Tail::new(windows);
-    // Sums of 32 bits are half the traffic of the kernel; they are emptied before they can overflow.
-    let columns_that_fit = (u32::MAX / bound) as usize;
-    let blocks = tasks::map_blocks(columns, windows.n_steps, |block| {
-        let mut kernel = Kernel::new(windows, &tail);
-        let mut sums = vec![0u64; windows.n_steps];
-        for some in block.chunks(columns_that_fit) {
-            for column in some {
-                kernel.add(&counts, column);
-            }
-            kernel.empty_into(&mut sums);
-        }
-        sums
-    });
-    let sums = blocks.into_iter().reduce(super::add).unwrap_or_default();
-    sums.into_iter().map(|sum| sum as f64).collect()
+    // Integers: how the columns are shared out does not show in their sums.
+    let sums = tasks::fold(
+        columns,
+        windows.n_steps,
+        || Kernel::new(windows, &tail, u32::MAX / bound),
+        |kernel, column| kernel.add(counts, column),
+        Kernel::merge,
+    );
+    sums.finish().into_iter().map(|sum| sum as f64).collect()
 }
 
 /// The same for counts of any size; a distance (divided by `W·total`) up to 1e-14 is 0.
@@ -99,255 +102,84 @@ fn least_by_definition(x: &[u64], windows: &Windows, t: usize) -> u64 {
 }
 
 /// Sums of least distances over several columns, with buffers that are used for each of them.
-struct Kernel<'a> {
+struct Kernel<'a, C> {
     windows: &'a Windows,
     tail: &'a Tail,
     limits: Vec<u32>,
     /// Counts of one column.
-    x: Vec<i32>,
-    tail_x: Vec<i32>,
-    /// By window start of the regular steps.
+    x: Vec<C>,
+    tail_x: Vec<C>,
+    rows: Rows<C>,
+    /// By window start of the regular steps. 32 bits are half the traffic of 64; emptied before they can overflow.
     regular_sums: Vec<u32>,
     /// By window of the tail.
     tail_sums: Vec<u32>,
-    rows: Rows,
+    /// Columns that are in the sums of 32 bits, and that fit.
+    n_columns: u32,
+    max_columns: u32,
+    /// By step.
+    sums: Vec<u64>,
 }
 
-impl<'a> Kernel<'a> {
-    fn new(windows: &'a Windows, tail: &'a Tail) -> Self {
-        let blocks = |n: usize| n.next_multiple_of(LANES);
-        let n_regular = blocks(windows.regular().len());
-        let n_tail = blocks(tail.limits.len());
-        let padding = 2 * windows.width.max(MAX_UNROLLED);
+impl<'a, C: Lane> Kernel<'a, C> {
+    fn new(windows: &'a Windows, tail: &'a Tail, max_columns: u32) -> Self {
+        let n_regular = windows.regular().len().next_multiple_of(LANES);
+        let n_tail = tail.limits.len().next_multiple_of(LANES);
+        let padding = PADDING + 2 * windows.width;
         let mut limits = tail.limits.clone();
         limits.resize(n_tail, 0);
         Self {
             windows,
             tail,
             limits,
-            x: vec![0; (n_regular + padding).max(windows.n_steps)],
-            tail_x: vec![0; n_tail + padding],
+            x: vec![C::default(); (n_regular + padding).max(windows.n_steps)],
+            tail_x: vec![C::default(); n_tail + padding],
+            rows: Rows::default(),
             regular_sums: vec![0; n_regular],
             tail_sums: vec![0; n_tail],
-            rows: Rows::default(),
+            n_columns: 0,
+            max_columns,
+            sums: vec![0; windows.n_steps],
         }
     }
 
-    fn add(&mut self, counts: &[i32], column: &[u16]) {
+    fn add(&mut self, counts: &[C], column: &[u16]) {
+        if self.n_columns == self.max_columns {
+            self.empty();
+        }
+        self.n_columns += 1;
         let (width, rows) = (self.windows.width, &mut self.rows);
-        Frequencies::look_up_into(counts, column, &mut self.x);
+        C::look_up(counts, column, &mut self.x);
         self.tail.column(&self.x[..column.len()], &mut self.tail_x);
-        add_least(&self.x, width, None, rows, &mut self.regular_sums);
+        C::add_least(&self.x, width, None, rows, &mut self.regular_sums);
         let limits = Some(&self.limits[..]);
-        add_least(&self.tail_x, width, limits, rows, &mut self.tail_sums);
+        C::add_least(&self.tail_x, width, limits, rows, &mut self.tail_sums);
     }
 
-    fn empty_into(&mut self, sums: &mut [u64]) {
-        let regular = &mut sums[self.windows.regular()];
-        for (sum, part) in regular.iter_mut().zip(&self.regular_sums) {
-            *sum += u64::from(*part);
+    fn empty(&mut self) {
+        let regular = &mut self.sums[self.windows.regular()];
+        for (sum, part) in regular.iter_mut().zip(&mut self.regular_sums) {
+            *sum += u64::from(std::mem::take(part));
         }
         for &(at, t) in &self.tail.steps {
-            sums[t] += u64::from(self.tail_sums[at]);
+            self.sums[t] += u64::from(self.tail_sums[at]);
         }
-        self.regular_sums.fill(0);
         self.tail_sums.fill(0);
+        self.n_columns = 0;
     }
-}
 
-/// `sums[s] += min over j of the distance of the windows that start at s and s + j`, j = 1..=W, or up to the limit of
-/// the window.
-#[multiversion::multiversion(targets(
-    "x86_64+avx512f+avx512bw+avx512dq+avx512vl",
-    "x86_64+avx2",
-    "aarch64+neon"
-))]
-fn add_least(x: &[i32], width: usize, limits: Option<&[u32]>, rows: &mut Rows, sums: &mut [u32]) {
-    match width {
-        2 => unrolled::<2>(x, limits, sums),
-        3 => unrolled::<3>(x, limits, sums),
-        4 => unrolled::<4>(x, limits, sums),
-        5 => unrolled::<5>(x, limits, sums),
-        6 => unrolled::<6>(x, limits, sums),
-        7 => unrolled::<7>(x, limits, sums),
-        8 => unrolled::<8>(x, limits, sums),
-        9 => unrolled::<9>(x, limits, sums),
-        10 => unrolled::<10>(x, limits, sums),
-        11 => unrolled::<11>(x, limits, sums),
-        12 => unrolled::<12>(x, limits, sums),
-        13 => unrolled::<13>(x, limits, sums),
-        14 => unrolled::<14>(x, limits, sums),
-        15 => unrolled::<15>(x, limits, sums),
-        16 => unrolled::<16>(x, limits, sums),
-        _ => rolled(x, width, limits, rows, sums),
+    fn merge(mut self, other: Self) -> Self {
+        for (sum, more) in self.sums.iter_mut().zip(other.finish()) {
+            *sum += more;
+        }
+        self
     }
-}
 
-/// The kernel of narrow windows: written for one window, its inner loops unrolled, so that the compiler turns the loop
-/// over the windows into vectors whose sorted values stay in registers.
-#[expect(
-    clippy::inline_always,
-    reason = "must be compiled with the features of its caller"
-)]
-#[inline(always)]
-fn unrolled<const W: usize>(x: &[i32], limits: Option<&[u32]>, sums: &mut [u32]) {
-    for (block, sums) in sums.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
-        let start = block * LANES;
-        // Arrays of known length: no index in the loop is checked.
-        let Some(x) = x[start..].first_chunk::<{ LANES + 2 * MAX_UNROLLED }>() else {
-            return;
-        };
-        match limits.and_then(|limits| limits[start..].first_chunk::<LANES>()) {
-            None => {
-                for (s, sum) in sums.iter_mut().enumerate() {
-                    *sum += least::<W>(x, s, u32::MAX);
-                }
-            }
-            Some(limits) => {
-                for (s, sum) in sums.iter_mut().enumerate() {
-                    *sum += least::<W>(x, s, limits[s]);
-                }
-            }
-        }
+    /// By step.
+    fn finish(mut self) -> Vec<u64> {
+        self.empty();
+        self.sums
     }
-}
-
-/// Repeats a block for `$i` = 0..[`MAX_UNROLLED`], each time a constant. Loops that the compiler unrolls itself keep it
-/// from making vectors of the loop around them where they are nested or long.
-macro_rules! unroll {
-    ($i:ident, $block:block) => {
-        unroll!($i, $block, 0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15);
-    };
-    ($i:ident, $block:block, $($n:literal)*) => {
-        $({
-            const $i: usize = $n;
-            $block
-        })*
-    };
-}
-
-#[expect(
-    clippy::inline_always,
-    clippy::absurd_extreme_comparisons,
-    reason = "must be compiled with the features of its caller; 0 is one of the constants"
-)]
-#[inline(always)]
-fn least<const W: usize>(x: &[i32; LANES + 2 * MAX_UNROLLED], start: usize, limit: u32) -> u32 {
-    let mut front = [0; MAX_UNROLLED];
-    let mut behind = [0; MAX_UNROLLED];
-    let mut least = if limit == 0 { 0 } else { i32::MAX };
-    unroll!(J, {
-        if J < W {
-            insert::<J>(&mut front, x[start + J]);
-            insert::<J>(&mut behind, x[start + W + J]);
-            let mut distance = 0;
-            unroll!(I, {
-                if I <= J {
-                    distance += (front[I] - behind[I]).abs();
-                }
-            });
-            let nearer = distance < least && J < limit as usize;
-            least = if nearer { distance } else { least };
-        }
-    });
-    least.unsigned_abs()
-}
-
-/// Inserts a value into the `J` sorted ones.
-#[expect(
-    clippy::inline_always,
-    reason = "must be compiled with the features of its caller"
-)]
-#[inline(always)]
-fn insert<const J: usize>(sorted: &mut [i32; MAX_UNROLLED], value: i32) {
-    let mut carry = value;
-    unroll!(I, {
-        if I < J {
-            let x = sorted[I];
-            sorted[I] = x.min(carry);
-            carry = x.max(carry);
-        }
-    });
-    sorted[J] = carry;
-}
-
-/// Buffers of the kernel of wide windows.
-#[derive(Debug, Default)]
-struct Rows {
-    front: Vec<[i32; LANES]>,
-    behind: Vec<[i32; LANES]>,
-}
-
-/// The kernel of wide windows: [`LANES`] of them side by side, in rows that stay in the cache.
-#[expect(
-    clippy::inline_always,
-    reason = "must be compiled with the features of its caller"
-)]
-#[inline(always)]
-fn rolled(x: &[i32], width: usize, limits: Option<&[u32]>, rows: &mut Rows, sums: &mut [u32]) {
-    rows.front.resize(width, [0; LANES]);
-    rows.behind.resize(width, [0; LANES]);
-    for (block, sums) in sums.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
-        let start = block * LANES;
-        let limits = limits.and_then(|limits| limits[start..].first_chunk());
-        let least = rolled_block(
-            &x[start..],
-            width,
-            limits.unwrap_or(&[u32::MAX; LANES]),
-            rows,
-        );
-        for (sum, least) in sums.iter_mut().zip(least) {
-            *sum += least.unsigned_abs();
-        }
-    }
-}
-
-#[expect(
-    clippy::inline_always,
-    clippy::cast_possible_truncation,
-    reason = "must be compiled with the features of its caller; no window is wider than 1024"
-)]
-#[inline(always)]
-fn rolled_block(x: &[i32], width: usize, limits: &[u32; LANES], rows: &mut Rows) -> [i32; LANES] {
-    let Rows { front, behind } = rows;
-    let mut least = [i32::MAX; LANES];
-    for j in 0..width {
-        insert_row(front, j, &x[j..]);
-        insert_row(behind, j, &x[width + j..]);
-        let mut distance = [0; LANES];
-        for (front, behind) in front[..=j].iter().zip(&behind[..=j]) {
-            for l in 0..LANES {
-                distance[l] += (front[l] - behind[l]).abs();
-            }
-        }
-        for l in 0..LANES {
-            let nearer = distance[l] < least[l] && (j as u32) < limits[l];
-            least[l] = if nearer { distance[l] } else { least[l] };
-        }
-    }
-    for l in 0..LANES {
-        least[l] = if limits[l] == 0 { 0 } else { least[l] };
-    }
-    least
-}
-
-/// Inserts one value per lane into the `j` sorted rows.
-#[expect(
-    clippy::inline_always,
-    reason = "must be compiled with the features of its caller"
-)]
-#[inline(always)]
-fn insert_row(sorted: &mut [[i32; LANES]], j: usize, values: &[i32]) {
-    let mut carry = [0; LANES];
-    carry.copy_from_slice(&values[..LANES]);
-    for row in &mut sorted[..j] {
-        for l in 0..LANES {
-            let (low, high) = (row[l].min(carry[l]), row[l].max(carry[l]));
-            row[l] = low;
-            carry[l] = high;
-        }
-    }
-    sorted[j] = carry;
 }
 
 #[cfg(test)]
@@ -366,21 +198,32 @@ mod tests {
                 })
                 .collect()
         };
+        // Counts that need 16 bits, and sums of them more; and counts that need more.
+        let counts: [Vec<u64>; 2] = [
+            vec![65_535, 40, 1_000, 1, 60_000, 33_000, 2],
+            vec![70_000, 4, 1_000_000, 65_537, 90, 65_536, 3],
+        ];
         for window in (2..=20).chain([33, 70]) {
             let params = ExtractionParams::new(RawParams {
                 window,
                 ..RawParams::default()
             })
             .unwrap();
-            for n in [params.min_steps(), params.min_steps() + 3, 4 * window + 150] {
+            let shortest = params.min_steps();
+            for n in [shortest, shortest + 3, 4 * window + 150, lanes::LANES * 40] {
                 let columns = [column(n), column(n), column(n)];
-                let frequencies = Frequencies::of(columns.iter().map(Vec::as_slice), 64);
                 let windows = Windows::new(n, &params);
-                let wide = sums_wide(&columns, &frequencies, &windows);
-                // Three columns, of which one or two fit into sums of 32 bits.
-                for bound in [1 << 31, 1 << 30, 1] {
-                    let narrow = sums_narrow(&columns, &frequencies.counts, &windows, bound);
-                    assert_eq!(narrow, wide, "window {window}, {n} steps");
+                for counts in &counts {
+                    let frequencies = Frequencies {
+                        counts: counts.clone(),
+                        total: counts.iter().sum(),
+                    };
+                    let wide = sums_wide(&columns, &frequencies, &windows);
+                    // Three columns, of which one, two or all fit into sums of 32 bits.
+                    for bound in [1 << 31, 1 << 30, 1 << 27] {
+                        let narrow = sums_narrow(&columns, counts, &windows, bound);
+                        assert_eq!(narrow, wide, "window {window}, {n} steps");
+                    }
                 }
             }
         }

@@ -10,6 +10,7 @@ mod divergence;
 mod earth_mover;
 mod entropy;
 mod logarithm;
+mod look_up;
 mod ordinal;
 mod pairs;
 mod paper;
