@@ -12,7 +12,7 @@ use crate::recording::ROSBAG2_METADATA;
 /// What changes when something is written to a recording's files: their size, and when the last was written to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Stamp {
-    bytes: u64,
+    pub(super) bytes: u64,
     modified: Option<SystemTime>,
 }
 
