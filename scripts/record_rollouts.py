@@ -15,8 +15,8 @@ their sorted keys; discrete values are plain integers. A value that is not finit
 step is not written. A metadata record `recording` names environment, rate, actions and states. Times advance at the
 environment's rate, from the moment the recording began; where no rate is known, they are those of the wall clock.
 
-The file is whole up to the last finished episode at any moment, so it can be extracted while training goes on (coact
-then exits with 3, since the end of the file is missing). An episode that is cut short just has no last step with
+The file is whole up to the last finished episode at any moment, so it can be extracted while training goes on: by
+`coact watch` each episode as it ends, by `coact extract` (which then exits with 3, since the end of the file is missing). An episode that is cut short just has no last step with
 `terminated` or `truncated`. Above 64 sub-environments, extract with a larger `--max-open-episodes`.
 
 Example: record_rollouts.py CartPole-v1 cartpole.mcap --episodes 3 --policy scripted --seed 1
@@ -341,7 +341,7 @@ class Recorder:
         self._log_time_nanos = next(self._clock)
 
     def flush(self) -> None:
-        """Ends the chunk, so that all steps up to here can be read."""
+        """Ends the chunk and hands it to the system, so that all steps up to here can be read."""
         if self._writer is not None:
             self._writer.flush()
 

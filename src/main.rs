@@ -5,9 +5,11 @@ use std::process::ExitCode;
 use std::sync::Arc;
 
 use clap::Parser;
-use coact::cli::{self, Cli, Command, ProgressDisplay, Request, Signals, SummaryFormat, exit};
+use coact::cli::{
+    self, Cli, Command, ProgressDisplay, Request, Signals, SummaryFormat, WatchRequest, exit,
+};
 use coact::diff;
-use coact::pipeline::{self, Interrupt, RunError};
+use coact::pipeline::{self, Interrupt, RunError, Told};
 use coact::results::{Results, ResultsError};
 use coact::show;
 use coact::summary::RunOutcome;
@@ -17,6 +19,7 @@ fn main() -> ExitCode {
         Command::Extract(args) => extract(*args),
         Command::Plan(args) => plan(*args),
         Command::Finish(args) => finish(&args),
+        Command::Watch(args) => watch(*args),
         Command::Inspect(args) => inspect(&args),
         Command::Compare(args) => compare(&args),
         Command::Show(args) => show(&args),
@@ -90,6 +93,39 @@ fn finish(args: &cli::FinishArgs) -> u8 {
             print(result.as_bytes(), code)
         }
         Err(e) => fail(&e.to_string(), code_of(&e)),
+    }
+}
+
+fn watch(args: cli::WatchArgs) -> u8 {
+    let (config, format, quiet, verbose) = match args.request() {
+        Ok(WatchRequest::Watch {
+            config,
+            summary,
+            quiet,
+            verbose,
+        }) => (config, summary, quiet, verbose),
+        Ok(WatchRequest::PrintConfig(text)) => return print(text.as_bytes(), exit::DONE),
+        Err(message) => return fail(&message, exit::USAGE),
+    };
+    let interrupt = Arc::new(Interrupt::default());
+    let _signals = Signals::of_watch(&interrupt, config.run.output.clone());
+    let on_told = |told: &Told| match told {
+        Told::Remark(remark) => tell(&format!("coact: {remark}\n")),
+        Told::Committed(summary) => {
+            if verbose {
+                tell(&summary.committed_text());
+                tell(&summary.listing_text());
+            }
+            tell(&summary.remarks_text());
+        }
+    };
+    match pipeline::watch(&config, &on_told, &interrupt) {
+        Err(e) => fail(&e.to_string(), code_of(&e)),
+        Ok(_) if quiet => exit::DONE,
+        Ok(summary) => match format {
+            SummaryFormat::Text => print(summary.to_text().as_bytes(), exit::DONE),
+            SummaryFormat::Json => print((summary.to_json() + "\n").as_bytes(), exit::DONE),
+        },
     }
 }
 

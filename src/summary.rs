@@ -1,6 +1,7 @@
 //! The closing summary of a run: counted while rows are made, then told as text (`text.rs`) or as JSON.
 
 mod text;
+mod watch;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -11,6 +12,8 @@ use serde::{Serialize, Serializer};
 use crate::model::{
     Cause, ChosenLayout, Episode, EpisodeStatus, Extraction, Outcome, RecordingRow, environment_of,
 };
+
+pub use watch::WatchSummary;
 
 /// How a run ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]

@@ -11,6 +11,7 @@ mod reading;
 pub mod report;
 mod show;
 mod signals;
+mod watch;
 
 use std::io::Write;
 
@@ -26,6 +27,7 @@ pub use progress::ProgressDisplay;
 pub use report::ReportArgs;
 pub use show::ShowArgs;
 pub use signals::Signals;
+pub use watch::{WatchArgs, WatchRequest};
 
 /// Finds composite actions in recordings of agents.
 #[derive(Debug, Parser)]
@@ -45,6 +47,8 @@ pub enum Command {
     Plan(Box<PlanArgs>),
     /// Check that all shards of a plan are done, and mark the run as done
     Finish(FinishArgs),
+    /// Extract recordings while they are written, episode by episode
+    Watch(Box<WatchArgs>),
     /// Show topics, fields and rates of recordings, and a command line that reads them
     Inspect(InspectArgs),
     /// Run the eight measures on the same recordings and show them side by side

@@ -10,6 +10,9 @@ use crate::pipeline::{Interrupt, remove_temporaries};
 /// How long a run may take to stop by itself, once asked.
 const PATIENCE: Duration = Duration::from_millis(1_500);
 
+/// The same for a watch, which ends with what is complete committed, and parts merged.
+const PATIENCE_OF_WATCH: Duration = Duration::from_mins(1);
+
 /// Exit code of a process that a signal ended: 128 and the signal's number.
 const SIGNALLED: i32 = 128;
 
@@ -26,15 +29,31 @@ impl Signals {
         tables: Option<(PathBuf, u32)>,
         events: Option<PathBuf>,
     ) -> Self {
+        Self::with_patience(interrupt, tables, events, PATIENCE)
+    }
+
+    /// The same for a command that ends well by being asked to stop. The second signal ends it at once.
+    pub fn of_watch(interrupt: &Arc<Interrupt>, output: Option<PathBuf>) -> Self {
+        let tables = output.map(|output| (output, 0));
+        Self::with_patience(interrupt, tables, None, PATIENCE_OF_WATCH)
+    }
+
+    fn with_patience(
+        interrupt: &Arc<Interrupt>,
+        tables: Option<(PathBuf, u32)>,
+        events: Option<PathBuf>,
+        patience: Duration,
+    ) -> Self {
         let received = Arc::new(AtomicI32::new(0));
         #[cfg(unix)]
         unix::watch(
             Arc::clone(interrupt),
             (tables, events),
             Arc::clone(&received),
+            patience,
         );
         #[cfg(not(unix))]
-        let _ = (interrupt, tables, events);
+        let _ = (interrupt, tables, events, patience);
         Self { received }
     }
 
@@ -51,16 +70,27 @@ fn code(signal: i32) -> u8 {
 #[cfg(unix)]
 mod unix {
     use std::sync::atomic::AtomicBool;
+    use std::time::Instant;
 
-    use super::{Arc, AtomicI32, Interrupt, Ordering, PATIENCE, PathBuf, code, remove_temporaries};
+    use super::{
+        Arc, AtomicI32, Duration, Interrupt, Ordering, PATIENCE, PathBuf, code, remove_temporaries,
+    };
 
     use signal_hook::consts::{SIGINT, SIGTERM, SIGXFSZ};
     use signal_hook::iterator::Signals as SignalStream;
 
+    /// Between two looks at whether a second signal came.
+    const PAUSE: Duration = Duration::from_millis(50);
+
     /// Of tables and of events.
     type Folders = (Option<(PathBuf, u32)>, Option<PathBuf>);
 
-    pub(super) fn watch(interrupt: Arc<Interrupt>, folders: Folders, received: Arc<AtomicI32>) {
+    pub(super) fn watch(
+        interrupt: Arc<Interrupt>,
+        folders: Folders,
+        received: Arc<AtomicI32>,
+        patience: Duration,
+    ) {
         // Without a handler a signal ends the process at once; the next run then clears up.
         limit_is_an_error();
         let Ok(mut signals) = SignalStream::new([SIGINT, SIGTERM]) else {
@@ -72,7 +102,13 @@ mod unix {
             };
             received.store(signal, Ordering::Relaxed);
             interrupt.raise();
-            std::thread::sleep(PATIENCE);
+            let started = Instant::now();
+            while started.elapsed() < patience {
+                std::thread::sleep(PAUSE);
+                if patience > PATIENCE && signals.pending().next().is_some() {
+                    break;
+                }
+            }
             end(signal, &folders);
         });
     }

@@ -121,7 +121,7 @@ fn measure(
 ) {
     let mut by_environment: BTreeMap<String, Vec<&Episode>> = BTreeMap::new();
     for event in &round.events {
-        if let Event::Episode(_, episode) = event {
+        if let Event::Episode(_, _, episode) = event {
             let name = environment_of(episode.env_id.as_deref(), &episode.key.recording);
             by_environment
                 .entry(name.to_owned())
@@ -138,7 +138,7 @@ fn measure(
     for event in &round.events {
         match event {
             // Only how it was read is told, and for this no measure is needed.
-            Event::Episode(_, episode) => {
+            Event::Episode(_, _, episode) => {
                 summary.add_episode(episode, &Outcome::TooShort { min_steps });
             }
             Event::Recording(_, row) => {

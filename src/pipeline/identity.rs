@@ -12,7 +12,7 @@ use super::inputs::Input;
 use crate::model::RecordingIdentity;
 
 /// Bytes of each end of a file that are hashed.
-const HASHED: u64 = 64 << 10;
+pub(crate) const HASHED: u64 = 64 << 10;
 
 /// The identity of a recording as it is now; of one that cannot be read, with an empty hash.
 pub(crate) fn of(input: &Input) -> RecordingIdentity {
@@ -26,6 +26,29 @@ pub(crate) fn of(input: &Input) -> RecordingIdentity {
         bytes: input.bytes(),
         hash: Arc::from(hash),
     }
+}
+
+/// The identity of a recording that is being written: by its first `bytes` bytes, at most [`HASHED`]. Where it has not
+/// as many, or cannot be read, with an empty hash.
+pub(crate) fn of_beginning(input: &Input, bytes: u64) -> RecordingIdentity {
+    let of_file = |file: &Path| hash_beginning(&File::open(file)?, bytes);
+    let hash = input.files.first().map(|file| of_file(file));
+    RecordingIdentity {
+        name: Arc::clone(&input.name),
+        bytes,
+        hash: Arc::from(hash.and_then(Result::ok).unwrap_or_default()),
+    }
+}
+
+/// Hash of the first `bytes` bytes of a file; empty if it has not as many.
+pub(crate) fn hash_beginning(mut file: &File, bytes: u64) -> io::Result<String> {
+    let mut beginning = Vec::new();
+    file.rewind()?;
+    file.take(bytes.min(HASHED)).read_to_end(&mut beginning)?;
+    if (beginning.len() as u64) < bytes {
+        return Ok(String::new());
+    }
+    Ok(format!("{:032x}", XxHash3_128::oneshot(&beginning)))
 }
 
 fn hash(files: &[impl AsRef<Path>]) -> io::Result<String> {

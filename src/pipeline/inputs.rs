@@ -78,6 +78,23 @@ pub(crate) fn find(arguments: &[PathBuf]) -> Result<Vec<Input>, InputError> {
     Ok(found.named())
 }
 
+/// Finds all recordings below one folder. Their names are relative to it, whatever else is there: as others come, they
+/// stay.
+pub(crate) fn find_below(folder: &Path) -> Vec<Input> {
+    let mut found = Found::default();
+    if folder.is_dir() {
+        found.folder(folder);
+    }
+    let ancestor = absolute(folder);
+    // A folder that is a bag itself is called what it would be among others.
+    let is_bag = found.files.contains_key(&ancestor);
+    let ancestor = match ancestor.parent() {
+        Some(above) if is_bag => above.to_owned(),
+        _ => ancestor,
+    };
+    found.named_below(&ancestor)
+}
+
 impl Input {
     /// Bytes of its files, as far as they are there.
     pub(crate) fn bytes(&self) -> u64 {
@@ -259,6 +276,11 @@ impl Found {
     fn named(mut self) -> Vec<Input> {
         self.files.retain(|path, _| !self.in_bags.contains(path));
         let ancestor = common_ancestor(self.files.keys());
+        self.named_below(&ancestor)
+    }
+
+    fn named_below(mut self, ancestor: &Path) -> Vec<Input> {
+        self.files.retain(|path, _| !self.in_bags.contains(path));
         let mut inputs: Vec<Input> = self
             .files
             .into_iter()
@@ -269,7 +291,7 @@ impl Found {
                     problem,
                     remote,
                 } = entry;
-                let relative = absolute.strip_prefix(&ancestor).unwrap_or(&absolute);
+                let relative = absolute.strip_prefix(ancestor).unwrap_or(&absolute);
                 let name: Vec<String> = relative
                     .components()
                     .map(|c| readable(c.as_os_str()))

@@ -19,6 +19,7 @@ mod plan;
 mod resume;
 mod round;
 mod source;
+mod watch;
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -33,6 +34,7 @@ pub use inspect::{Inspected, inspect};
 pub use plan::{
     Finish, Finished, MAX_SHARDS, MissingRecordings, Planned, Shard, finish, plan, read_plan,
 };
+pub use watch::{Told, WatchConfig, watch};
 
 pub use crate::tables::{DEFAULT_MAX_PART_ROWS, Plan};
 
@@ -98,7 +100,7 @@ pub fn run(
         .map_err(RunError::Failed)?;
     let mut summary = pool.install(|| {
         if let Some(output) = &config.output {
-            return written(config, output, &inputs, on_progress, interrupt);
+            return written(config, output, inputs, on_progress, interrupt);
         }
         let jobs = resume::all(&inputs);
         let mut summary = RunSummary::of(config.shard.is_some());
@@ -125,30 +127,31 @@ pub fn run(
 fn written(
     config: &Config,
     output: &Path,
-    inputs: &[Input],
+    inputs: Vec<Input>,
     on_progress: &(dyn Fn(Progress) + Sync),
     interrupt: &Interrupt,
 ) -> Result<RunSummary, RunError> {
     let options = plan::table_options(config);
     let mut directory = OutputDirectory::open(output, &options, config.overwrite)?;
+    let inputs = &resume::under_known_names(inputs, &config.inputs, &directory);
     let mut work = resume::work(inputs, &mut directory)?;
     let mut summary = RunSummary::of(config.shard.is_some());
     for done in &work.before {
         summary.add_done_before(done.n_episodes, done.clean);
     }
     for job in &work.jobs {
-        summary.add_begun_before(job.n_written);
+        summary.add_begun_before(job.written.n_episodes());
     }
     let events = events_writer(config, inputs);
     let in_tables = events.as_ref().map_or_else(InTables::default, |events| {
         InTables::for_events(&mut work, inputs, events)
     });
-    // Held until all is done: the directory, whole as it is, or its writer.
+    // Held until all is done: the directory, or its writer too.
     let needs_no_mark = directory.is_complete() || config.shard.is_some();
-    let (locked, tables) = if needs_no_mark && in_tables.have_all(&work.jobs) {
-        (Some(directory), None)
+    let tables = if needs_no_mark && in_tables.have_all(&work.jobs) {
+        None
     } else {
-        (None, Some(directory.writer()?))
+        Some(directory.writer()?)
     };
     let mut outputs = Outputs {
         tables,
@@ -163,7 +166,7 @@ fn written(
         on_progress,
         interrupt,
     );
-    drop(locked);
+    drop(directory);
     let Some(mut writer) = outputs.tables else {
         return stages.map(|()| summary);
     };

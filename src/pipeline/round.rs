@@ -33,13 +33,13 @@ struct Counted {
 }
 
 enum What {
-    Episode(Box<Episode>, Box<Outcome>),
+    Episode(u64, Box<Episode>, Box<Outcome>),
     Recording(Box<RecordingRow>),
 }
 
 impl Extracted {
     /// Runs the method on every episode of a round and makes rows of the results.
-    pub(super) fn of(round: Round, config: &Config, in_tables: &mut InTables) -> Self {
+    pub(super) fn of(round: Round, config: &Config, in_tables: &InTables) -> Self {
         let Round { events, bytes } = round;
         let params: &ExtractionParams = &config.params;
         let events: Vec<(bool, Event)> = events
@@ -50,12 +50,12 @@ impl Extracted {
             .into_par_iter()
             .with_max_len(1)
             .map(|(in_tables, event)| match event {
-                Event::Episode(identity, episode) => {
+                Event::Episode(identity, nth, episode) => {
                     let outcome = extraction::extract(&episode, params);
                     Counted {
                         identity,
                         in_tables,
-                        what: What::Episode(episode, Box::new(outcome)),
+                        what: What::Episode(nth, episode, Box::new(outcome)),
                     }
                 }
                 Event::Recording(identity, row) => Counted {
@@ -80,7 +80,7 @@ impl Extracted {
     pub(super) fn count(&self, summary: &mut RunSummary, progress: &mut Progress) {
         for event in &self.events {
             match &event.what {
-                What::Episode(episode, outcome) => {
+                What::Episode(_, episode, outcome) => {
                     if !event.in_tables {
                         summary.add_episode(episode, outcome);
                     }
@@ -96,6 +96,11 @@ impl Extracted {
             }
         }
         progress.bytes += self.bytes;
+    }
+
+    /// Its rows.
+    pub(super) fn batches(&self) -> &[(Batches, Vec<Mark>)] {
+        &self.batches
     }
 
     /// Writes a round: tables and events side by side.
@@ -129,7 +134,7 @@ fn groups(events: &[Counted], batch_rows: usize) -> Vec<&[Counted]> {
     let mut groups = Vec::new();
     let (mut start, mut n_rows) = (0, 0);
     for (i, event) in events.iter().enumerate() {
-        if let What::Episode(episode, _) = &event.what {
+        if let What::Episode(_, episode, _) = &event.what {
             n_rows += episode.n_steps() * episode.actions.n_columns();
         }
         if n_rows >= batch_rows {
@@ -149,9 +154,9 @@ fn rows(events: &[Counted], config: &Config) -> (Batches, Vec<Mark>) {
     for event in events.iter().filter(|event| !event.in_tables) {
         let identity = RecordingIdentity::clone(&event.identity);
         match &event.what {
-            What::Episode(episode, outcome) => {
+            What::Episode(nth, episode, outcome) => {
                 rows.append_episode(episode, outcome);
-                marks.push(Mark::Episode(identity));
+                marks.push(Mark::Episode(identity, *nth));
             }
             What::Recording(row) => {
                 rows.append_recording(row);
@@ -169,7 +174,7 @@ fn rows(events: &[Counted], config: &Config) -> (Batches, Vec<Mark>) {
 
 fn item(event: &Counted) -> Item<'_> {
     match &event.what {
-        What::Episode(episode, outcome) => Item::Episode(&event.identity, episode, outcome),
+        What::Episode(_, episode, outcome) => Item::Episode(&event.identity, episode, outcome),
         What::Recording(_) => Item::End(&event.identity),
     }
 }

@@ -13,6 +13,7 @@ use super::identity;
 use super::inputs::Input;
 use crate::model::{Episode, RecordingIdentity, RecordingRow};
 use crate::recording::{ReadOptions, RecordingReader};
+use crate::tables::Written;
 
 /// Bytes of values that one recording gives in a round, at least; more only by its last episode.
 const ROUND_BUDGET: u64 = 8 << 20;
@@ -25,16 +26,24 @@ const MAX_OPEN_BYTES: u64 = 16 << 20;
 
 /// What comes out of a recording, in order.
 pub(crate) enum Event {
-    Episode(Arc<RecordingIdentity>, Box<Episode>),
+    /// An episode, and its place in the order of appearance.
+    Episode(Arc<RecordingIdentity>, u64, Box<Episode>),
     /// The end of a recording.
     Recording(Arc<RecordingIdentity>, Box<RecordingRow>),
 }
 
-/// A recording to be read, and how many of its episodes an earlier process has written.
+/// A recording to be read, and which of its episodes an earlier process has written.
 #[derive(Debug, Clone)]
 pub(crate) struct Job<'a> {
     pub(crate) input: &'a Input,
-    pub(crate) n_written: u64,
+    pub(crate) written: Written,
+}
+
+impl Job<'_> {
+    /// Are some of its episodes written?
+    pub(crate) fn is_begun(&self) -> bool {
+        self.written.n_episodes() > 0
+    }
 }
 
 /// One round of reading.
@@ -58,13 +67,13 @@ struct Active<'a> {
     input: &'a Input,
     identity: Arc<RecordingIdentity>,
     /// Episodes that are written already, and are to be passed over.
-    n_to_skip: u64,
+    written: Written,
     bytes: u64,
     /// Bytes that progress was told of.
     reported: u64,
     position: u64,
     state: State,
-    held: Vec<Episode>,
+    held: Vec<(u64, Episode)>,
 }
 
 /// All recordings of a run.
@@ -112,7 +121,7 @@ impl<'a> Source<'a> {
         }
         while let Some(front) = self.active.front_mut() {
             let identity = &front.identity;
-            let episode = |e| Event::Episode(Arc::clone(identity), Box::new(e));
+            let episode = |(nth, e)| Event::Episode(Arc::clone(identity), nth, Box::new(e));
             round.events.extend(front.held.drain(..).map(episode));
             if !matches!(front.state, State::Ended(_)) {
                 break;
@@ -137,7 +146,7 @@ impl<'a> Active<'a> {
             input: job.input,
             bytes: identity.bytes,
             identity: Arc::new(identity),
-            n_to_skip: job.n_written,
+            written: job.written.clone(),
             reported: 0,
             position: 0,
             state: State::NotOpened,
@@ -186,12 +195,10 @@ impl<'a> Active<'a> {
 
     fn read(&mut self, mut reader: Box<RecordingReader>) -> State {
         // The last net: a bug in reading one recording must not cost the others.
-        let result = catch_unwind(AssertUnwindSafe(|| reader.read(ROUND_BUDGET)));
+        let result = catch_unwind(AssertUnwindSafe(|| reader.read_numbered(ROUND_BUDGET)));
         match result {
             Ok(Ok(mut episodes)) => {
-                let n_skipped = self.n_to_skip.min(episodes.len() as u64);
-                self.n_to_skip -= n_skipped;
-                episodes.drain(..usize::try_from(n_skipped).unwrap_or(0));
+                episodes.retain(|(nth, _)| !self.written.contains(*nth));
                 self.held = episodes;
                 self.position = reader.position().min(self.bytes);
                 if reader.is_done() {

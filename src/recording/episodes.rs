@@ -3,9 +3,10 @@
 //! The rules (which field ends an episode, what a bad step does, what becomes of a message for a closed id) are the
 //! section "Recordings and episodes" of the README; `open_episode.rs` holds what happens inside one episode.
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use super::closed_ids::ClosedIds;
 use super::error::RecordingError;
 use super::limits::Limits;
 use super::open_episode::{Closed, OpenEpisode};
@@ -42,7 +43,7 @@ impl EpisodeRule {
 }
 
 /// The id of an episode, owned.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 enum Id {
     /// No id is logged; the order of appearance stands for it.
     Nth(u64),
@@ -81,7 +82,7 @@ pub(crate) struct Episodes {
     rule: Option<EpisodeRule>,
     limits: Limits,
     open: Vec<Open>,
-    closed: HashSet<Id>,
+    closed: ClosedIds,
     /// Closed, but an episode that appeared earlier is still open.
     waiting: BTreeMap<u64, (Id, Closed)>,
     n_appeared: u64,
@@ -94,7 +95,9 @@ pub(crate) struct Episodes {
     n_last: usize,
     /// Steps that were dropped before the next episode opens.
     n_dropped: u64,
-    ready: Vec<Episode>,
+    ready: Vec<(u64, Episode)>,
+    /// Episodes do not wait for those that appeared before them.
+    gives_early: bool,
 }
 
 impl Episodes {
@@ -104,7 +107,7 @@ impl Episodes {
             rule,
             limits,
             open: Vec::new(),
-            closed: HashSet::new(),
+            closed: ClosedIds::default(),
             waiting: BTreeMap::new(),
             n_appeared: 0,
             n_given: 0,
@@ -114,7 +117,13 @@ impl Episodes {
             n_last: 0,
             n_dropped: 0,
             ready: Vec::new(),
+            gives_early: false,
         }
+    }
+
+    /// Gives episodes out in the order in which they close.
+    pub(crate) fn give_early(&mut self) {
+        self.gives_early = true;
     }
 
     /// Before the first message. What was lost until now stays lost.
@@ -136,8 +145,8 @@ impl Episodes {
         self.n_given
     }
 
-    /// Takes the closed episodes whose turn it is.
-    pub(crate) fn take_ready(&mut self) -> Vec<Episode> {
+    /// Takes the closed episodes whose turn it is, each with its place in the order of appearance.
+    pub(crate) fn take_ready(&mut self) -> Vec<(u64, Episode)> {
         std::mem::take(&mut self.ready)
     }
 
@@ -291,15 +300,15 @@ impl Episodes {
             return Some(index);
         }
         let id = match rule {
+            EpisodeRule::Id if self.closed.contains(meta.id) => {
+                tally.refuse("message for an episode that is closed", place.offset);
+                return None;
+            }
             EpisodeRule::Id => Id::of(meta.id)?,
             EpisodeRule::EndFlag | EpisodeRule::Recording | EpisodeRule::Cut => {
                 Id::Nth(self.n_appeared)
             }
         };
-        if self.closed.contains(&id) {
-            tally.refuse("message for an episode that is closed", place.offset);
-            return None;
-        }
         if self.open.len() >= self.limits.max_open_episodes
             && let Some(stalest) = (0..self.open.len()).min_by_key(|&i| self.open[i].last_fed)
         {
@@ -333,15 +342,25 @@ impl Episodes {
         let closed = episode.close(tally);
         self.n_last = closed.actions.n_rows();
         self.n_used += closed.actions.n_rows() as u64;
-        if !matches!(id, Id::Nth(_)) {
-            self.closed.insert(id.clone());
+        match &id {
+            Id::Nth(_) => {}
+            Id::Integer(id) => self.closed.insert_integer(*id),
+            Id::Text(id) => self.closed.insert_text(Arc::clone(id)),
+        }
+        if self.gives_early {
+            self.give(nth, &id, closed, common);
+            return;
         }
         self.waiting.insert(nth, (id, closed));
         while let Some((id, closed)) = self.waiting.remove(&self.n_given) {
-            self.ready
-                .push(closed.named(key(common, &id, self.n_given), common));
-            self.n_given += 1;
+            self.give(self.n_given, &id, closed, common);
         }
+    }
+
+    fn give(&mut self, nth: u64, id: &Id, closed: Closed, common: &Common) {
+        let episode = closed.named(key(common, id, nth), common);
+        self.ready.push((nth, episode));
+        self.n_given += 1;
     }
 }
 

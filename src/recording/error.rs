@@ -48,6 +48,9 @@ pub enum RecordingError {
     /// Messages of one topic carry different names: the reader begins again, knowing them all.
     #[error("messages of one topic carry different names")]
     OtherNames,
+    /// It is still being written, and must be read from beginning to end to tell how.
+    #[error("how it is to be read shows only when it is complete")]
+    NotYet,
     /// `--on-damage fail`.
     #[error("is damaged: {0}")]
     Damaged(String),

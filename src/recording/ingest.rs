@@ -53,6 +53,8 @@ pub(crate) struct Ingest {
     /// Encoding and messages of each topic, in the files before this one.
     topics: BTreeMap<String, (String, u64)>,
     survey: Option<Survey>,
+    /// The recording is still being written: nothing but what came can be known.
+    is_live: bool,
     pub(crate) plan: Option<Plan>,
     pub(crate) episodes: Episodes,
     pub(crate) tally: Tally,
@@ -86,6 +88,7 @@ impl Ingest {
             routes: Vec::new(),
             topics: BTreeMap::new(),
             survey,
+            is_live: false,
             plan: None,
             episodes: Episodes::new(options.limits, None),
             tally: Tally::default(),
@@ -102,6 +105,18 @@ impl Ingest {
             readers: ReadersCache::default(),
             decoded: Decoded::default(),
         }
+    }
+
+    /// Begins with a recording that is still being written: episodes are given out as soon as they are complete.
+    pub(crate) fn live(recording: Arc<str>, files: Vec<PathBuf>, options: &ReadOptions) -> Self {
+        let mut live = Self::with_survey(recording, files, options, None);
+        live.is_live = true;
+        live.episodes.give_early();
+        live
+    }
+
+    pub(crate) fn is_live(&self) -> bool {
+        self.is_live
     }
 
     /// The next file of the recording begins: ids mean other things there.
@@ -147,6 +162,7 @@ impl Ingest {
     fn survey(&mut self) -> Result<&Survey, RecordingError> {
         let survey = match self.survey.take() {
             Some(survey) => survey,
+            None if self.is_live => return Err(RecordingError::NotYet),
             None => Survey::of(&self.files, &self.options.limits)?,
         };
         Ok(self.survey.insert(survey))
@@ -226,6 +242,10 @@ impl Ingest {
 
     /// Is the channel defined in the summary, the data having lost its definition?
     fn rescued(&mut self, id: u16, offset: u64) -> Result<bool, RecordingError> {
+        if self.is_live {
+            // The summary is not there yet.
+            return Err(RecordingError::NotYet);
+        }
         // A recording that is to be whole or refused cannot be mended on the way.
         let is_there = self.options.on_damage == OnDamage::Recover
             && self

@@ -13,11 +13,13 @@ mod ahead;
 mod align;
 mod channels;
 mod chunk;
+mod closed_ids;
 mod columns;
 mod decode;
 mod decoded;
 mod episodes;
 mod error;
+mod growth;
 mod ingest;
 mod inspect;
 mod layout;
@@ -44,6 +46,7 @@ mod timeline;
 mod wire;
 
 pub use error::RecordingError;
+pub use growth::{Growth, Start, is_whole_zst};
 pub use inspect::{Choice, FieldInspection, Inspection, TopicInspection, inspect};
 pub use layout::quoted;
 pub use limits::{

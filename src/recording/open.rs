@@ -91,6 +91,18 @@ fn opened(
     })
 }
 
+/// A stream behind the opening magic, of a file that is still being written: nothing of it is there yet.
+pub(crate) fn nothing_yet(limits: &Limits) -> Stream {
+    RecordSource::new(Box::new(io::empty()), Some(MAGIC.len() as u64), limits)
+}
+
+/// The bytes of `file` from where it stands, `start`, to `end`.
+pub(crate) fn piece(file: File, start: u64, end: u64) -> Box<dyn Read + Send> {
+    let bytes = end.saturating_sub(start);
+    let capacity = usize::try_from(bytes).map_or(BUFFER, |n| n.clamp(512, BUFFER));
+    Box::new(BufReader::with_capacity(capacity, file.take(bytes)))
+}
+
 /// Is this the name of a recording that is compressed as a whole? rosbag2 writes `.mcap.zstd`.
 pub(crate) fn is_compressed(path: &Path) -> bool {
     path.extension()

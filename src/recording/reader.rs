@@ -1,9 +1,12 @@
 //! Drives one recording from its opening to its row in the `recordings` table.
 
+use std::fs::File;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::error::RecordingError;
+use super::growth::Growth;
 use super::ingest::{self, Ingest};
 use super::layout::{self, Layout};
 use super::options::{OnDamage, ReadOptions};
@@ -33,6 +36,8 @@ pub struct RecordingReader {
     /// Bytes of the files that are done.
     bytes_before: u64,
     checked: bool,
+    /// Bytes of the file that are there to be read, where it is still being written.
+    readable: Option<u64>,
     done: bool,
     /// Why reading ended, kept back until the episodes before it are given out.
     error: Option<RecordingError>,
@@ -78,9 +83,46 @@ impl RecordingReader {
             bytes,
             bytes_before: 0,
             checked: false,
+            readable: None,
             done: false,
             error: None,
         })
+    }
+
+    /// Begins with the file at `path`, which is still being written: of each episode as soon as it is complete.
+    /// There is something to read once [`go_on`](Self::go_on) has said so.
+    pub fn live(path: &Path, name: Arc<str>, options: &ReadOptions) -> Self {
+        let files = vec![path.to_owned()];
+        Self {
+            ingest: Ingest::live(name, files.clone(), options),
+            scanner: Scanner::live(path, &options.limits),
+            files,
+            at: 0,
+            options: options.clone(),
+            bytes: 0,
+            bytes_before: 0,
+            checked: false,
+            readable: Some(0),
+            done: false,
+            error: None,
+        }
+    }
+
+    /// Takes `file`, which is at the path, as far as it has grown.
+    ///
+    /// # Errors
+    /// If the file system refuses.
+    pub fn go_on(&mut self, file: File, growth: &Growth) -> io::Result<()> {
+        self.scanner.go_on(file, growth)?;
+        self.readable = Some(growth.end());
+        self.bytes = growth.end();
+        Ok(())
+    }
+
+    /// Is there more to read now?
+    pub fn can_go_on(&self) -> bool {
+        let is_there = |end: u64| self.scanner.is_done() || self.scanner.position() < end;
+        self.error.is_some() || (!self.done && self.readable.is_none_or(is_there))
     }
 
     /// Size of its files at opening, bytes.
@@ -104,6 +146,15 @@ impl RecordingReader {
     /// If the file cannot be read on, nothing in it can be used, or one episode is beyond the limit. Episodes given
     /// out before stand.
     pub fn read(&mut self, budget: u64) -> Result<Vec<Episode>, RecordingError> {
+        let episodes = self.read_numbered(budget)?;
+        Ok(episodes.into_iter().map(|(_, episode)| episode).collect())
+    }
+
+    /// The same, each episode with its place in the order of appearance.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub fn read_numbered(&mut self, budget: u64) -> Result<Vec<(u64, Episode)>, RecordingError> {
         if let Some(e) = self.error.take() {
             return Err(e);
         }
@@ -113,7 +164,7 @@ impl RecordingReader {
         }
         let mut given = Given::default();
         let until = self.position().saturating_add(MAX_READ);
-        while !self.done && given.bytes < budget && self.position() < until {
+        while self.can_go_on() && given.bytes < budget && self.position() < until {
             let result = self.step(until, &mut |ingest| {
                 given.take_from(ingest);
                 given.bytes >= budget
@@ -139,7 +190,9 @@ impl RecordingReader {
         if !self.scanner.is_done() {
             let until = until.saturating_sub(self.bytes_before);
             match self.scanner.run(&mut self.ingest, until, is_enough) {
-                Err(RecordingError::OtherNames) => return self.begin_again(),
+                Err(RecordingError::OtherNames) if !self.ingest.is_live() => {
+                    return self.begin_again();
+                }
                 result => result?,
             }
         }
@@ -264,17 +317,17 @@ impl RecordingReader {
 /// Episodes that one call gives out.
 #[derive(Default)]
 struct Given {
-    episodes: Vec<Episode>,
+    episodes: Vec<(u64, Episode)>,
     /// Bytes of their values.
     bytes: u64,
 }
 
 impl Given {
     fn take_from(&mut self, ingest: &mut Ingest) {
-        for episode in ingest.episodes.take_ready() {
+        for (nth, episode) in ingest.episodes.take_ready() {
             let n_columns = episode.actions.n_columns() + episode.states.n_columns() + 2;
             self.bytes += 8 * (episode.n_steps() * n_columns) as u64;
-            self.episodes.push(episode);
+            self.episodes.push((nth, episode));
         }
     }
 }

@@ -77,6 +77,12 @@ impl<R: Read> RecordSource<R> {
         }
     }
 
+    /// Reads on from `reader`, which stands where this one ended; the file is `len` bytes now.
+    pub(crate) fn go_on(&mut self, reader: R, len: u64) {
+        self.reader = reader;
+        self.len = Some(len);
+    }
+
     /// CRC-32 of all bytes in front of the record that came last: what a `DataEnd` record holds.
     pub(crate) fn crc_before_last(&self) -> u32 {
         self.crc_before_last.clone().finalize()

@@ -2,13 +2,15 @@
 //! passed over: one chunk is the unit of loss.
 
 use std::fmt::Write as _;
-use std::fs;
+use std::fs::{self, File};
+use std::io::{self, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::ahead::{Ahead, Slot};
 use super::decoded::{Decoded, Readers};
 use super::error::RecordingError;
+use super::growth::Growth;
 use super::limits::Limits;
 use super::open::{self, Fill};
 use super::records::{Next, op};
@@ -60,7 +62,18 @@ pub(crate) struct Scanner {
     ended: bool,
     /// A chunk is lost, and told of.
     has_lost_chunk: bool,
-    done: bool,
+    stage: Stage,
+}
+
+/// How far the file is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Stage {
+    /// It is still being written.
+    Growing,
+    /// It is there to its end.
+    Whole,
+    /// All of it was taken.
+    Done,
 }
 
 /// Which section of the file is read.
@@ -97,8 +110,40 @@ impl Scanner {
             section: Section::Data,
             ended: false,
             has_lost_chunk: false,
-            done: false,
+            stage: Stage::Whole,
         })
+    }
+
+    /// Begins with a file that is still being written, of which nothing is to be read yet.
+    pub(crate) fn live(path: &Path, limits: &Limits) -> Self {
+        let stream = open::nothing_yet(limits);
+        Self {
+            path: path.to_owned(),
+            // Too few to be read ahead: that would go beyond what is there.
+            bytes: 0,
+            fill: None,
+            position: stream.offset(),
+            ahead: Ahead::new(stream),
+            limits: *limits,
+            section: Section::Data,
+            ended: false,
+            has_lost_chunk: false,
+            stage: Stage::Growing,
+        }
+    }
+
+    /// Takes the file as far as it has grown: whole records, or all of it once it is closed.
+    pub(crate) fn go_on(&mut self, mut file: File, growth: &Growth) -> io::Result<()> {
+        file.seek(SeekFrom::Start(self.position))?;
+        let end = growth.end();
+        self.ahead
+            .stream
+            .go_on(open::piece(file, self.position, end), end);
+        if growth.is_closed() {
+            self.stage = Stage::Whole;
+            self.bytes = end;
+        }
+        Ok(())
     }
 
     /// Size of the file at opening.
@@ -113,7 +158,7 @@ impl Scanner {
 
     /// Is there nothing more?
     pub(crate) fn is_done(&self) -> bool {
-        self.done
+        self.stage == Stage::Done
     }
 
     /// Takes the next record of the outer loop: a chunk and all that is in it, or a record on its own.
@@ -229,7 +274,11 @@ impl Scanner {
 
     /// The file ends before its closing magic, or cannot be read on.
     fn cut(&mut self, what: &str, offset: u64, sink: &mut impl Sink) -> Result<(), RecordingError> {
-        self.done = true;
+        if self.stage == Stage::Growing {
+            // What was there a moment ago is not: it is to be looked at again.
+            return Err(RecordingError::NotYet);
+        }
+        self.stage = Stage::Done;
         let mut what = format!("the file is cut: {what}");
         if let Some(Fill { value, n_bytes }) = self.fill {
             let _infallible = write!(what, ", then {n_bytes} bytes of {value:#04x}");
@@ -249,7 +298,7 @@ impl Scanner {
     }
 
     fn closing_magic(&mut self, junk: u64, sink: &mut impl Sink) -> Result<(), RecordingError> {
-        self.done = true;
+        self.stage = Stage::Done;
         let offset = self.ahead.stream.offset() - junk;
         if !self.ended {
             // Without it a record that swallowed the rest of the data would not be noticed.

@@ -1,7 +1,7 @@
 //! What an output directory remembers of its run: the parameters, and for each group of parts the recordings and
 //! episodes that are in it. A group counts once its commit file is there; before, its parts are nobody's.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -17,8 +17,8 @@ use crate::storage::Storage;
 /// What a batch of rows is about, in the order of the rows.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Mark {
-    /// One episode of a recording.
-    Episode(RecordingIdentity),
+    /// One episode of a recording, and its place in the order of appearance.
+    Episode(RecordingIdentity, u64),
     /// The end of a recording.
     Recording(DoneRecording),
 }
@@ -37,15 +37,74 @@ pub struct DoneRecording {
     pub clean: bool,
 }
 
-/// A recording of which only the first episodes are there.
+/// A recording of which only some episodes are there.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct OpenRecording {
     /// Which.
     #[serde(flatten)]
     pub identity: RecordingIdentity,
-    /// How many of its episodes are in the tables.
-    pub n_episodes: u64,
+    /// Those that are there.
+    #[serde(flatten)]
+    pub written: Written,
 }
+
+/// Which episodes of a recording are in the tables, by their places in the order of appearance.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Written {
+    /// The first so many are.
+    #[serde(rename = "n_episodes")]
+    n_first: u64,
+    /// And these, behind one that is not.
+    #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
+    more: BTreeSet<u64>,
+}
+
+impl Written {
+    /// The first `n` episodes and no other.
+    pub fn first(n: u64) -> Self {
+        Self {
+            n_first: n,
+            more: BTreeSet::new(),
+        }
+    }
+
+    /// Is this episode there?
+    pub fn contains(&self, nth: u64) -> bool {
+        nth < self.n_first || self.more.contains(&nth)
+    }
+
+    /// How many are there.
+    pub fn n_episodes(&self) -> u64 {
+        self.n_first + self.more.len() as u64
+    }
+
+    /// Takes an episode in.
+    pub fn insert(&mut self, nth: u64) {
+        if nth >= self.n_first {
+            self.more.insert(nth);
+        }
+        self.close_up();
+    }
+
+    /// Takes in all that are there by another account.
+    pub(super) fn join(&mut self, other: &Self) {
+        self.n_first = self.n_first.max(other.n_first);
+        self.more.extend(&other.more);
+        self.close_up();
+    }
+
+    fn close_up(&mut self) {
+        while let Some(&next) = self.more.first()
+            && next <= self.n_first
+        {
+            self.more.pop_first();
+            self.n_first = self.n_first.max(next + 1);
+        }
+    }
+}
+
+/// Commits by shard and number.
+pub(super) type Commits = BTreeMap<(u32, u32), Commit>;
 
 /// One part group, as its commit file has it.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -55,6 +114,15 @@ pub(super) struct Commit {
     pub(super) recordings: Vec<DoneRecording>,
     /// The recording in which the group was cut.
     pub(super) open: Option<OpenRecording>,
+    /// Recordings that were still being written, of those with episodes in the group; known by their beginnings.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(super) growing: Vec<OpenRecording>,
+    /// Numbers of the groups whose rows are all in this one: they count no more.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(super) replaces: Vec<u32>,
+    /// How often its rows were merged.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub(super) level: u32,
     /// Steps of the episodes in it.
     pub(super) n_steps: Option<u64>,
 }
@@ -68,6 +136,14 @@ impl Commit {
             (of_shard == shard).then_some(number)
         })
     }
+}
+
+#[expect(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "the signature that serde asks for"
+)]
+fn is_zero(n: &u32) -> bool {
+    *n == 0
 }
 
 /// What run a directory holds.
@@ -166,8 +242,13 @@ fn commit_name(shard: u32, number: u32) -> String {
 /// Shard and number of a commit file's name.
 pub(super) fn parse_commit_name(name: &str) -> Option<(u32, u32)> {
     let (shard, number) = name.strip_suffix(".json")?.split_once('-')?;
-    let digits = |t: &str| t.len() == 5 && t.bytes().all(|b| b.is_ascii_digit());
-    (digits(shard) && digits(number)).then_some((shard.parse().ok()?, number.parse().ok()?))
+    (is_number(shard) && is_number(number)).then_some((shard.parse().ok()?, number.parse().ok()?))
+}
+
+/// Is this a number as it stands in names of ours: five digits, or more where it takes more?
+pub(super) fn is_number(text: &str) -> bool {
+    text.bytes().all(|b| b.is_ascii_digit())
+        && (text.len() == 5 || (text.len() > 5 && !text.starts_with('0')))
 }
 
 /// Reads what run a directory holds; `None` if none.
@@ -195,28 +276,82 @@ pub(super) fn read_commits(
 }
 
 /// All commits, by shard and number.
-pub(super) fn read_all_commits(
-    directory: &Path,
-) -> Result<BTreeMap<(u32, u32), Commit>, TableError> {
+pub(super) fn read_all_commits(directory: &Path) -> Result<Commits, TableError> {
     read_commits_where(directory, |_| true)
 }
+
+/// How often commits are listed again because one was gone before it was read.
+const LIST_TRIES: u32 = 100;
 
 fn read_commits_where(
     directory: &Path,
     is_wanted: impl Fn(u32) -> bool,
-) -> Result<BTreeMap<(u32, u32), Commit>, TableError> {
-    let folder = commits_folder(directory);
+) -> Result<Commits, TableError> {
+    for _ in 0..LIST_TRIES {
+        if let Some(commits) = list_commits(directory, &is_wanted)? {
+            return Ok(without_replaced(commits));
+        }
+    }
+    let gone = io::Error::from(io::ErrorKind::NotFound);
+    Err(TableError::io("read", &commits_folder(directory))(gone))
+}
+
+/// All commits; `None` if one is gone: it has just been merged into another, which the list does not have.
+fn list_commits(
+    directory: &Path,
+    is_wanted: impl Fn(u32) -> bool,
+) -> Result<Option<Commits>, TableError> {
     let mut commits = BTreeMap::new();
-    for path in super::directory::names_in(&folder)? {
+    for path in super::directory::names_in(&commits_folder(directory))? {
         let name = path.file_name().and_then(|n| n.to_str());
         if let Some((shard, number)) = name.and_then(parse_commit_name)
             && is_wanted(shard)
-            && let Some(commit) = read(&path)?
         {
+            let Some(commit) = read(&path)? else {
+                return Ok(None);
+            };
             commits.insert((shard, number), commit);
         }
     }
-    Ok(commits)
+    Ok(Some(commits))
+}
+
+/// Leaves out commits whose rows are in another.
+fn without_replaced(mut commits: Commits) -> Commits {
+    let replaced: BTreeSet<(u32, u32)> = commits
+        .iter()
+        .flat_map(|(&(shard, _), commit)| commit.replaces.iter().map(move |&n| (shard, n)))
+        .collect();
+    commits.retain(|id, _| !replaced.contains(id));
+    commits
+}
+
+/// Removes the commit files of a shard that count no more.
+pub(super) fn remove_replaced(
+    storage: &Storage,
+    directory: &Path,
+    shard: u32,
+    counting: &BTreeMap<u32, Commit>,
+) -> Result<(), TableError> {
+    for path in super::directory::names_in(&commits_folder(directory))? {
+        let name = path.file_name().and_then(|n| n.to_str());
+        if let Some((of_shard, number)) = name.and_then(parse_commit_name)
+            && of_shard == shard
+            && !counting.contains_key(&number)
+        {
+            storage.remove(&path)?;
+        }
+    }
+    Ok(())
+}
+
+pub(super) fn remove_commit(
+    storage: &Storage,
+    directory: &Path,
+    (shard, number): (u32, u32),
+) -> Result<(), TableError> {
+    storage.remove(&commits_folder(directory).join(commit_name(shard, number)))?;
+    Ok(())
 }
 
 /// Writes a commit, also over an older one.

@@ -276,8 +276,8 @@ pub(super) fn part_name(shard: u32, number: u32) -> String {
 pub(super) fn parse_part_name(name: &str) -> Option<(u32, u32)> {
     let numbers = name.strip_prefix("part-")?.strip_suffix(".parquet")?;
     let (shard, number) = numbers.split_once('-')?;
-    let digits = |t: &str| t.len() == 5 && t.bytes().all(|b| b.is_ascii_digit());
-    (digits(shard) && digits(number)).then_some((shard.parse().ok()?, number.parse().ok()?))
+    (commit::is_number(shard) && commit::is_number(number))
+        .then_some((shard.parse().ok()?, number.parse().ok()?))
 }
 
 /// What is in a folder; no folder has nothing.
@@ -299,6 +299,10 @@ mod tests {
     #[test]
     fn only_parts_are_ours() {
         assert_eq!(parse_part_name("part-00000-00000.parquet"), Some((0, 0)));
+        assert_eq!(
+            parse_part_name("part-00000-100000.parquet"),
+            Some((0, 100_000))
+        );
         let temporary = own_temporary_name("part-00001-00012.parquet");
         assert_eq!(parse_part_name(finished_name(&temporary)), Some((1, 12)));
         assert_eq!(
@@ -307,6 +311,7 @@ mod tests {
         );
         for name in [
             "part-0-0.parquet",
+            "part-00000-000000.parquet",
             "notes.parquet",
             "part-00000-00000.parquet.bak",
             "part-00000.parquet",

@@ -4,27 +4,40 @@ use std::collections::BTreeMap;
 use std::fs::{File, TryLockError};
 use std::io::{Read, Seek, Write};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Duration;
 
 use arrow::array::{AsArray, BooleanArray};
 use arrow::compute::filter_record_batch;
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 
-use super::commit::{self, Commit, DoneRecording, OpenRecording, Run};
+use super::commit::{self, Commit, DoneRecording, OpenRecording, Run, Written};
 use super::directory::{self, WHOLE, part_name};
 use super::error::TableError;
 use super::schema::Table;
 use super::writer::{Part, TableOptions, TableWriter};
+use crate::model::RecordingIdentity;
 use crate::storage::Storage;
 
 /// An output directory that nobody else writes to, as long as this lives.
 #[derive(Debug)]
 pub struct OutputDirectory {
-    directory: PathBuf,
-    options: TableOptions,
-    storage: Storage,
-    commits: BTreeMap<u32, Commit>,
-    lock: File,
+    pub(super) directory: PathBuf,
+    pub(super) options: TableOptions,
+    pub(super) storage: Storage,
+    pub(super) commits: BTreeMap<u32, Commit>,
+    lock: Arc<File>,
+}
+
+/// A recording of which some episodes are in the tables, and by what it is known again.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct BegunRecording {
+    /// By all of it, where it was read as one that is complete.
+    pub whole: Option<RecordingIdentity>,
+    /// By its beginning, where it was read while it was written.
+    pub beginning: Option<RecordingIdentity>,
+    /// What is there.
+    pub written: Written,
 }
 
 impl OutputDirectory {
@@ -66,6 +79,7 @@ impl OutputDirectory {
         storage.create_folder(&commit::commits_folder(directory))?;
         let commits = commit::read_commits(directory, options.shard)?;
         if is_whole {
+            commit::remove_replaced(&storage, directory, WHOLE, &commits)?;
             let committed = commits.values().flat_map(|c| &c.parts).map(String::as_str);
             directory::clear_unfinished(&storage, directory, Some(WHOLE), committed)?;
         } else {
@@ -79,7 +93,7 @@ impl OutputDirectory {
             options: options.clone(),
             storage,
             commits,
-            lock,
+            lock: Arc::new(lock),
         })
     }
 
@@ -92,15 +106,26 @@ impl OutputDirectory {
             .collect()
     }
 
-    /// The recording in which the earlier process was stopped.
-    pub fn open_recording(&self) -> Option<&OpenRecording> {
-        let open = self.commits.values().next_back()?.open.as_ref()?;
-        let is_done = |c: &Commit| {
-            c.recordings
-                .iter()
-                .any(|r| r.identity.name == open.identity.name)
-        };
-        (!self.commits.values().any(is_done)).then_some(open)
+    /// Recordings in which an earlier process was stopped, or which were still growing then, by name.
+    pub fn begun(&self) -> BTreeMap<Arc<str>, BegunRecording> {
+        let mut begun: BTreeMap<Arc<str>, BegunRecording> = BTreeMap::new();
+        for commit in self.commits.values() {
+            let mut add = |open: &OpenRecording, is_whole: bool| {
+                let of_name = begun.entry(Arc::clone(&open.identity.name)).or_default();
+                let known_by = if is_whole {
+                    &mut of_name.whole
+                } else {
+                    &mut of_name.beginning
+                };
+                *known_by = Some(open.identity.clone());
+                of_name.written.join(&open.written);
+            };
+            commit.open.iter().for_each(|open| add(open, true));
+            commit.growing.iter().for_each(|open| add(open, false));
+        }
+        let done = self.done();
+        begun.retain(|name, _| !done.contains_key(&**name));
+        begun
     }
 
     /// Is the run marked as done?
@@ -135,18 +160,16 @@ impl OutputDirectory {
     ///
     /// # Errors
     /// If the file system refuses.
-    pub fn writer(self) -> Result<TableWriter, TableError> {
-        let open = self.open_recording().cloned();
+    pub fn writer(&self) -> Result<TableWriter, TableError> {
         let next = self.commits.keys().next_back().map_or(0, |last| last + 1);
         let next_part = directory::next_part(&self.directory, self.options.shard)?;
         directory::unmark_done(&self.storage, &self.directory)?;
         TableWriter::go_on(
             &self.directory,
             &self.options,
-            self.storage,
+            self.storage.clone(),
             (next, next_part),
-            open,
-            self.lock,
+            Arc::clone(&self.lock),
         )
     }
 }

@@ -15,7 +15,7 @@ use parquet::file::metadata::KeyValue;
 use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::schema::types::ColumnPath;
 
-use super::commit::{self, Commit, Mark, OpenRecording};
+use super::commit::{self, Commit, Mark, OpenRecording, Written};
 use super::directory::{self, WHOLE, part_name};
 use super::error::TableError;
 use super::output::OutputDirectory;
@@ -76,11 +76,11 @@ pub struct TableWriter {
     next: u32,
     /// Number of the next parts. Those of a shard that were never committed stay until the end, and keep theirs.
     next_part: u32,
-    /// The recording whose rows are being written, and how many of its episodes are.
+    /// The recording whose rows are being written, and which of its episodes are.
     open: Option<OpenRecording>,
     empty: Batches,
     /// Held until the writer is gone.
-    _lock: File,
+    _lock: Arc<File>,
 }
 
 impl TableWriter {
@@ -98,8 +98,7 @@ impl TableWriter {
         options: &TableOptions,
         storage: Storage,
         (next, next_part): (u32, u32),
-        open: Option<OpenRecording>,
-        lock: File,
+        lock: Arc<File>,
     ) -> Result<Self, TableError> {
         for table in tables(options) {
             storage.create_folder(&directory.join(table.name()))?;
@@ -112,7 +111,7 @@ impl TableWriter {
             group: None,
             next,
             next_part,
-            open,
+            open: None,
             empty,
             _lock: lock,
         })
@@ -135,15 +134,13 @@ impl TableWriter {
         group.write(batches)?;
         for mark in marks {
             match mark {
-                Mark::Episode(identity) => match &mut self.open {
-                    Some(open) if open.identity == *identity => open.n_episodes += 1,
-                    open => {
-                        *open = Some(OpenRecording {
-                            identity: identity.clone(),
-                            n_episodes: 1,
-                        });
-                    }
-                },
+                // In order: all in front of it are there.
+                Mark::Episode(identity, nth) => {
+                    self.open = Some(OpenRecording {
+                        identity: identity.clone(),
+                        written: Written::first(nth + 1),
+                    });
+                }
                 Mark::Recording(done) => {
                     self.open = None;
                     group.commit.recordings.push(done.clone());
@@ -161,24 +158,47 @@ impl TableWriter {
     /// # Errors
     /// If the file system refuses.
     pub fn commit(&mut self) -> Result<(), TableError> {
-        if let Some(mut group) = self.group.take() {
-            group.commit.open.clone_from(&self.open);
-            if self.options.shard == WHOLE {
-                let commit = group.commit()?;
-                let id = (WHOLE, self.next);
-                commit::write_commit(&self.storage, &self.directory, id, &commit)?;
-            } else {
-                self.commit_new(group)?;
-            }
-            self.next += 1;
-            self.next_part += 1;
-        }
-        Ok(())
+        let open = self.open.clone();
+        self.commit_group(|commit| commit.open = open).map(|_| ())
+    }
+
+    /// The same for a group whose commit is to say more; what it says, if there was anything to commit.
+    pub(super) fn commit_group(
+        &mut self,
+        complete: impl FnOnce(&mut Commit),
+    ) -> Result<Option<(u32, Commit)>, TableError> {
+        let Some(mut group) = self.group.take() else {
+            return Ok(None);
+        };
+        complete(&mut group.commit);
+        let number = self.next;
+        let commit = if self.options.shard == WHOLE {
+            let commit = group.commit()?;
+            commit::write_commit(&self.storage, &self.directory, (WHOLE, number), &commit)?;
+            commit
+        } else {
+            self.commit_new(group)?
+        };
+        self.take_number();
+        Ok(Some((number, commit)))
+    }
+
+    /// The number of the next group, which is taken with it.
+    pub(super) fn take_number(&mut self) -> u32 {
+        let number = self.next;
+        self.next += 1;
+        self.next_part += 1;
+        number
+    }
+
+    /// Tables without rows.
+    pub(super) fn empty_batches(&self) -> Batches {
+        self.empty.clone()
     }
 
     /// The same for a shard. Whether locks reach from machine to machine is not known: so the number of a commit goes
     /// to the first process that asks for it, and what another did meanwhile on the same rows counts for nothing.
-    fn commit_new(&self, group: Group) -> Result<(), TableError> {
+    fn commit_new(&self, group: Group) -> Result<Commit, TableError> {
         let shard = self.options.shard;
         let overtaken = |e: TableError| {
             if e.is_taken() {
@@ -191,15 +211,18 @@ impl TableWriter {
         let commit = group.commit().map_err(overtaken)?;
         let id = (shard, self.next);
         let written = commit::write_new_commit(&self.storage, &self.directory, id, &commit);
-        written.map_err(|e| {
-            if e.is_taken() {
-                for part in &commit.parts {
-                    // Should it stay, nothing names it, and `coact finish` removes it.
-                    let _best_effort = self.storage.remove(&self.directory.join(part));
+        match written {
+            Ok(()) => Ok(commit),
+            Err(e) => {
+                if e.is_taken() {
+                    for part in &commit.parts {
+                        // Should it stay, nothing names it, and `coact finish` removes it.
+                        let _best_effort = self.storage.remove(&self.directory.join(part));
+                    }
                 }
+                Err(overtaken(e))
             }
-            overtaken(e)
-        })
+        }
     }
 
     /// How long writing has waited for the disk; it goes on counting after the writer is gone.
@@ -229,7 +252,7 @@ impl TableWriter {
     }
 }
 
-fn tables(options: &TableOptions) -> impl Iterator<Item = Table> + use<> {
+pub(super) fn tables(options: &TableOptions) -> impl Iterator<Item = Table> + use<> {
     let steps = options.steps;
     Table::ALL
         .into_iter()

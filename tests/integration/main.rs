@@ -35,3 +35,4 @@ mod shards;
 mod show;
 mod support;
 mod tables;
+mod watch;
