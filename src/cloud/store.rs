@@ -113,14 +113,12 @@ pub(super) fn locate(address: &str) -> io::Result<Location> {
     }
     let path = Path::parse(key).map_err(|e| io_error(e.into()))?;
     let mut stores = STORES.lock().unwrap_or_else(PoisonError::into_inner);
-    let store = match stores.get(root) {
-        Some(store) => Arc::clone(store),
-        None => {
-            let (store, _) = store_of(root)?;
-            stores.insert(root.to_owned(), Arc::clone(&store));
-            store
-        }
-    };
+    if let Some(store) = stores.get(root) {
+        let store = Arc::clone(store);
+        return Ok(Location { store, path });
+    }
+    let (store, _) = store_of(root)?;
+    stores.insert(root.to_owned(), Arc::clone(&store));
     Ok(Location { store, path })
 }
 
