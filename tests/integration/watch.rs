@@ -31,6 +31,7 @@ fn config(inputs: &Path, output: &Path, faults: Option<Arc<Faults>>) -> Config {
         max_part_rows: 1 << 20,
         faults,
         parameters: vec![("bins".to_owned(), "64".to_owned())],
+        shard: None,
     }
 }
 
