@@ -9,14 +9,17 @@ pub(super) fn ends(weights: &[u64], n_runs: usize) -> Vec<usize> {
     let mut ends = Vec::with_capacity(n_runs);
     let (mut start, mut left) = (0, total);
     for n_after in (0..n_runs).rev() {
-        let target = left / (n_after as u128 + 1);
+        // From an even share of what is left, times the number of runs.
+        let n_left = n_after as u128 + 1;
+        let distance = |weight: u128| (weight * n_left).abs_diff(left);
         let (mut end, mut weight) = (start, 0);
         while end < weights.len() {
             let next = weight + u128::from(weights[end]);
             let is_enough = end > start
                 && needed[end] <= n_after
                 && (weights.len() - end <= n_after
-                    || next.abs_diff(target) >= weight.abs_diff(target));
+                    || next > limit
+                    || distance(next) > distance(weight));
             if is_enough {
                 break;
             }
