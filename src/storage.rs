@@ -1,4 +1,8 @@
-//! Every call to the file system that writing makes, in one place, so that a test can make any of them fail.
+//! Every call to the file system that writing makes, in one place, so that a test can make any of them fail; and the
+//! same in an object store, where the directory is one.
+
+mod faults;
+mod mirror;
 
 use std::fs::{self, File};
 use std::io::{self, Write};
@@ -8,6 +12,12 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use thiserror::Error;
+
+pub use faults::Faults;
+pub(crate) use mirror::{Need, remove_stagings};
+
+use crate::cloud;
+use mirror::Mirror;
 
 /// A call to the file system that was refused.
 #[derive(Debug, Error)]
@@ -32,45 +42,6 @@ impl StorageError {
     }
 }
 
-/// Makes the N-th call to the file system fail, for tests of what then happens.
-#[derive(Debug, Default)]
-pub struct Faults {
-    calls: AtomicU64,
-    fail_at: Option<u64>,
-    for_good: bool,
-}
-
-impl Faults {
-    /// Fails nothing, and counts the calls.
-    pub fn none() -> Self {
-        Self::default()
-    }
-
-    /// Fails call number `n` (from 0); `for_good` fails all after it too, as a full disk does.
-    pub fn at(n: u64, for_good: bool) -> Self {
-        Self {
-            calls: AtomicU64::new(0),
-            fail_at: Some(n),
-            for_good,
-        }
-    }
-
-    /// Calls so far.
-    pub fn calls(&self) -> u64 {
-        self.calls.load(Ordering::Relaxed)
-    }
-
-    fn check(&self) -> io::Result<()> {
-        let call = self.calls.fetch_add(1, Ordering::Relaxed);
-        match self.fail_at {
-            Some(n) if call == n || (self.for_good && call > n) => {
-                Err(io::Error::other("a fault that a test asked for"))
-            }
-            _ => Ok(()),
-        }
-    }
-}
-
 /// How long a run has waited for the disk to have what was written (fsync); shared by all that write.
 #[derive(Debug, Clone, Default)]
 pub struct SyncTime(Arc<AtomicU64>);
@@ -90,10 +61,11 @@ impl SyncTime {
     }
 }
 
-/// The file system, perhaps with faults.
+/// The file system, perhaps with faults, perhaps with a store behind it.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Storage {
     faults: Option<Arc<Faults>>,
+    mirror: Option<Arc<Mirror>>,
     pub(crate) sync_time: SyncTime,
 }
 
@@ -101,8 +73,44 @@ impl Storage {
     pub(crate) fn new(faults: Option<Arc<Faults>>) -> Self {
         Self {
             faults,
-            sync_time: SyncTime::default(),
+            ..Self::default()
         }
+    }
+
+    /// The storage of a directory, and where that is in the file system: its staging, if it is the address of one in
+    /// an object store. `need` says by its relative name how much of an object there a process needs.
+    pub(crate) fn of(
+        directory: &Path,
+        faults: Option<Arc<Faults>>,
+        need: impl Fn(&str) -> Need,
+    ) -> Result<(Self, PathBuf), StorageError> {
+        let mut storage = Self::new(faults);
+        let Some(address) = cloud::address(directory) else {
+            return Ok((storage, directory.to_owned()));
+        };
+        let mirror = Mirror::open(address, need)?;
+        let staging = mirror.staging().to_owned();
+        storage.mirror = Some(Arc::new(mirror));
+        Ok((storage, staging))
+    }
+
+    /// Is it an object store? Nothing is locked there, and nothing renamed.
+    pub(crate) fn is_store(&self) -> bool {
+        self.mirror.is_some()
+    }
+
+    /// What a path is called in messages.
+    pub(crate) fn named(&self, path: &Path) -> PathBuf {
+        self.mirror
+            .as_ref()
+            .map_or_else(|| path.to_owned(), |mirror| mirror.named(path))
+    }
+
+    /// Sees to it that a file of a store has its content here.
+    pub(crate) fn fetch(&self, path: &Path) -> Result<(), StorageError> {
+        self.mirror
+            .as_ref()
+            .map_or(Ok(()), |mirror| mirror.fetch(path))
     }
 
     fn check(&self) -> io::Result<()> {
@@ -158,6 +166,10 @@ impl Storage {
         temporary: &Path,
         path: &Path,
     ) -> Result<(), StorageError> {
+        if let Some(mirror) = &self.mirror {
+            drop(file);
+            return mirror.put(temporary, path);
+        }
         self.sync(file, temporary)?;
         self.check()
             .and_then(|()| fs::rename(temporary, path))
@@ -174,6 +186,10 @@ impl Storage {
         temporary: &Path,
         path: &Path,
     ) -> Result<(), StorageError> {
+        if let Some(mirror) = &self.mirror {
+            drop(file);
+            return mirror.put_new(temporary, path);
+        }
         self.sync(file, temporary)?;
         self.check()
             .and_then(|()| rename_new(temporary, path))
@@ -234,6 +250,9 @@ impl Storage {
 
     /// Removes a file; that it is gone already is no error.
     pub(crate) fn remove(&self, path: &Path) -> Result<(), StorageError> {
+        if let Some(mirror) = &self.mirror {
+            mirror.remove(path)?;
+        }
         match self.check().and_then(|()| fs::remove_file(path)) {
             Err(e) if e.kind() != io::ErrorKind::NotFound => {
                 Err(StorageError::io("remove", path)(e))

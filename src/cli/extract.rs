@@ -100,7 +100,7 @@ enum Steps {
 #[serde(default, rename_all = "kebab-case")]
 #[expect(clippy::struct_excessive_bools, reason = "each is a flag")]
 pub(super) struct Options {
-    /// Directory for the tables
+    /// Directory for the tables; with the feature `cloud`, s3://, gs:// and az:// addresses too
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
 

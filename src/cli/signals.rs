@@ -1,14 +1,18 @@
-//! SIGINT and SIGTERM: a run stops within two seconds and leaves nothing half done.
+//! SIGINT and SIGTERM: a run stops within two seconds and leaves nothing half done; one that writes to an object store
+//! has longer, and stops at once when it is asked again.
 
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI32, Ordering};
 use std::time::Duration;
 
-use crate::pipeline::{Interrupt, remove_temporaries};
+use crate::pipeline::{Interrupt, is_in_store, remove_temporaries};
 
 /// How long a run may take to stop by itself, once asked.
 const PATIENCE: Duration = Duration::from_millis(1_500);
+
+/// The same where what is in hand goes to an object store.
+const PATIENCE_WITH_STORE: Duration = Duration::from_secs(20);
 
 /// The same for a watch, which ends with what is complete committed, and parts merged.
 const PATIENCE_OF_WATCH: Duration = Duration::from_mins(1);
@@ -29,7 +33,15 @@ impl Signals {
         tables: Option<(PathBuf, u32)>,
         events: Option<PathBuf>,
     ) -> Self {
-        Self::with_patience(interrupt, tables, events, PATIENCE)
+        let is_in_store = tables
+            .as_ref()
+            .is_some_and(|(output, _)| is_in_store(output));
+        let patience = if is_in_store {
+            PATIENCE_WITH_STORE
+        } else {
+            PATIENCE
+        };
+        Self::with_patience(interrupt, tables, events, patience)
     }
 
     /// The same for a command that ends well by being asked to stop. The second signal ends it at once.

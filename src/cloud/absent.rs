@@ -1,6 +1,7 @@
 //! What stands for object stores in a program that is built without them.
 
 use std::io::{self, Read, Seek, SeekFrom};
+use std::path::Path;
 
 use super::{About, Object};
 
@@ -20,6 +21,26 @@ pub(crate) fn list(address: &str) -> io::Result<Vec<Object>> {
 
 pub(crate) fn about(addresses: &[&str]) -> Vec<io::Result<About>> {
     addresses.iter().map(|address| refused(address)).collect()
+}
+
+pub(crate) fn read_all(objects: &[Object]) -> Vec<io::Result<Vec<u8>>> {
+    objects.iter().map(|o| refused(&o.address)).collect()
+}
+
+pub(crate) fn check_writable(address: &str) -> io::Result<()> {
+    refused(address)
+}
+
+pub(crate) fn put(address: &str, _: &Path) -> io::Result<()> {
+    refused(address)
+}
+
+pub(crate) fn put_new(address: &str, _: &[u8]) -> io::Result<()> {
+    refused(address)
+}
+
+pub(crate) fn delete(address: &str) -> io::Result<()> {
+    refused(address)
 }
 
 /// There is none.

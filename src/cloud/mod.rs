@@ -1,4 +1,4 @@
-//! Recordings in object stores (`s3://`, `gs://`, `az://`, `https://`), as files that can be read and listed.
+//! Object stores (`s3://`, `gs://`, `az://`, `https://`): objects as files that are read, listed, and written whole.
 //!
 //! A thread that reads never waits for one request alone: a few ranges of the object are under way, in order, and the
 //! next ones begin only once it has taken theirs, so memory is bounded. The stores of this process share connections;
@@ -10,15 +10,22 @@ mod absent;
 mod remote_file;
 #[cfg(feature = "cloud")]
 mod store;
+#[cfg(feature = "cloud")]
+mod writing;
 
+use std::collections::hash_map::RandomState;
+use std::hash::{BuildHasher, Hasher};
 use std::path::Path;
+use std::sync::LazyLock;
 
 #[cfg(not(feature = "cloud"))]
-pub(crate) use absent::{RemoteFile, about, list};
+pub(crate) use absent::{RemoteFile, about, check_writable, delete, list, put, put_new, read_all};
 #[cfg(feature = "cloud")]
 pub(crate) use remote_file::RemoteFile;
 #[cfg(feature = "cloud")]
-pub(crate) use store::{about, list};
+pub(crate) use store::{about, list, read_all};
+#[cfg(feature = "cloud")]
+pub(crate) use writing::{check_writable, delete, put, put_new};
 
 /// What is known of an object without reading it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -41,6 +48,13 @@ pub(crate) fn address(path: &Path) -> Option<&str> {
     let (scheme, _) = text.split_once("://")?;
     let is_scheme = scheme.len() > 1 && scheme.bytes().all(|b| b.is_ascii_alphanumeric());
     is_scheme.then_some(text)
+}
+
+/// What this process is known by to stores: no other has the same.
+pub(crate) fn token() -> &'static str {
+    static TOKEN: LazyLock<String> =
+        LazyLock::new(|| format!("{:016x}", RandomState::new().build_hasher().finish()));
+    &TOKEN
 }
 
 #[cfg(test)]

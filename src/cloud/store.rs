@@ -22,14 +22,14 @@ const THREADS: usize = 2;
 const MANY: usize = 32;
 
 /// How often a range is asked for again without a byte more of it, and how long to wait before.
-const TRIES: u32 = 6;
-const PAUSE: Duration = Duration::from_millis(100);
+pub(super) const TRIES: u32 = 6;
+pub(super) const PAUSE: Duration = Duration::from_millis(100);
 
 /// An object, found.
 #[derive(Clone)]
 pub(super) struct Location {
-    store: Arc<dyn ObjectStore>,
-    path: Path,
+    pub(super) store: Arc<dyn ObjectStore>,
+    pub(super) path: Path,
 }
 
 /// Runs requests to their end; only for threads that are not those of the requests.
@@ -92,6 +92,20 @@ pub(crate) fn about(addresses: &[&str]) -> Vec<io::Result<About>> {
     })
 }
 
+/// Whole small objects, as they were listed, asked for side by side.
+pub(crate) fn read_all(objects: &[Object]) -> Vec<io::Result<Vec<u8>>> {
+    let requests = objects.iter().map(|Object { address, about }| async {
+        range(&locate(address)?, &about.tag, 0..about.bytes).await
+    });
+    let all = stream::iter(requests.collect::<Vec<_>>())
+        .buffered(MANY)
+        .collect();
+    wait(all).unwrap_or_else(|e| {
+        let failed = || io::Error::new(e.kind(), e.to_string());
+        objects.iter().map(|_| Err(failed())).collect()
+    })
+}
+
 fn about_of(meta: &ObjectMeta) -> About {
     About {
         bytes: meta.size,
@@ -123,12 +137,12 @@ pub(super) fn locate(address: &str) -> io::Result<Location> {
 }
 
 /// The store with its bucket, and the name in it.
-fn split(address: &str) -> io::Result<(&str, &str)> {
+pub(super) fn split(address: &str) -> io::Result<(&str, &str)> {
     let invalid = |what: String| io::Error::new(io::ErrorKind::InvalidInput, what);
     let (scheme, rest) = address.split_once("://").unwrap_or_default();
     if !["s3", "gs", "az", "https"].contains(&scheme) {
         return Err(invalid(format!(
-            "{scheme}:// is not read: expected s3://, gs://, az:// or https://"
+            "{scheme}:// is no store that is known: expected s3://, gs://, az:// or https://"
         )));
     }
     let bucket = rest.split('/').next().unwrap_or_default();
@@ -221,13 +235,16 @@ async fn append(
 }
 
 /// May the same request do better the next time?
-fn is_passing(e: &Error) -> bool {
+pub(super) fn is_passing(e: &Error) -> bool {
     matches!(e, Error::Generic { .. })
 }
 
-fn io_error(e: Error) -> io::Error {
+pub(super) fn io_error(e: Error) -> io::Error {
     match e {
         Error::NotFound { .. } => io::Error::new(io::ErrorKind::NotFound, "no such object"),
+        Error::AlreadyExists { .. } => {
+            io::Error::new(io::ErrorKind::AlreadyExists, "another process was faster")
+        }
         Error::Precondition { .. } => {
             io::Error::other("it was replaced while it was read: read it again")
         }

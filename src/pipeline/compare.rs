@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 use rayon::prelude::*;
 
-use super::config::RunError;
+use super::config::{RunError, check_is_file};
 use super::inputs;
 use super::resume;
 use super::source::{Event, Round, Source};
@@ -52,6 +52,7 @@ pub fn compare(
     interrupt: &Interrupt,
 ) -> Result<(Comparison, RunSummary), RunError> {
     let started = Instant::now();
+    check_is_file(config.output.as_deref(), "comparisons")?;
     let inputs = inputs::find(&config.inputs)?;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(config.threads)

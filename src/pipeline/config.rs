@@ -1,6 +1,7 @@
 //! All that decides a run, checked.
 
-use std::path::PathBuf;
+use std::fmt::Display;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use thiserror::Error;
@@ -51,13 +52,11 @@ impl Config {
             .collect()
     }
 
-    /// Is what is to be written in the file system?
+    /// Can what is to be written go there? Tables may go to an object store.
     pub(super) fn check_outputs(&self) -> Result<(), RunError> {
-        let mut outputs = [&self.output, &self.events].into_iter().flatten();
-        match outputs.find_map(|path| cloud::address(path)) {
-            Some(address) => Err(RunError::Arguments(format!(
-                "{address} cannot be written to: results go to a file system, from where they can be copied"
-            ))),
+        check_is_file(self.events.as_deref(), "events")?;
+        match self.output.as_deref().and_then(cloud::address) {
+            Some(address) => cloud::check_writable(address).map_err(|e| unwritable(address, &e)),
             None => Ok(()),
         }
     }
@@ -79,6 +78,21 @@ impl Config {
             faults: self.faults.clone(),
         })
     }
+}
+
+/// Refuses what goes to a file system alone where it is to go elsewhere.
+pub(super) fn check_is_file(path: Option<&Path>, what: &str) -> Result<(), RunError> {
+    match path.and_then(cloud::address) {
+        Some(address) => Err(unwritable(
+            address,
+            &format!("{what} go to a file system, from where they can be copied"),
+        )),
+        None => Ok(()),
+    }
+}
+
+fn unwritable(address: &str, why: &dyn Display) -> RunError {
+    RunError::Arguments(format!("{address} cannot be written to: {why}"))
 }
 
 /// Why a run gave no summary.

@@ -38,6 +38,7 @@ pub use watch::{Told, WatchConfig, watch};
 
 pub use crate::tables::{DEFAULT_MAX_PART_ROWS, Plan};
 
+use crate::cloud;
 use crate::events::{self, EventsWriter};
 use crate::summary::{RunOutcome, RunSummary};
 use crate::tables::{self, OutputDirectory, TableWriter};
@@ -147,7 +148,8 @@ fn written(
         InTables::for_events(&mut work, inputs, events)
     });
     // Held until all is done: the directory, or its writer too.
-    let needs_no_mark = directory.is_complete() || config.shard.is_some();
+    let needs_no_mark =
+        (directory.is_complete() || config.shard.is_some()) && !directory.has_leftovers();
     let tables = if needs_no_mark && in_tables.have_all(&work.jobs) {
         None
     } else {
@@ -183,6 +185,11 @@ fn written(
     }
     summary.set_sync(sync_time.get());
     Ok(summary)
+}
+
+/// Do tables at `output` go to an object store? To stop then takes as long as it takes to put there what is in hand.
+pub fn is_in_store(output: &Path) -> bool {
+    cloud::address(output).is_some()
 }
 
 /// What a run writes.

@@ -256,10 +256,17 @@ pub(super) fn read_run(directory: &Path) -> Result<Option<Run>, TableError> {
     read(&run_path(directory))
 }
 
+/// Writes what run a directory holds; in a store, whose lock nobody holds, the name must be free.
 pub(super) fn write_run(storage: &Storage, directory: &Path, run: &Run) -> Result<(), TableError> {
     let path = run_path(directory);
     let temporary = path.with_file_name(temporary_name("run.json"));
-    Ok(storage.write_whole(&path, &temporary, &to_json(&path, run)?)?)
+    let content = to_json(&path, run)?;
+    if storage.is_store() {
+        storage.write_whole_new(&path, &temporary, &content)?;
+    } else {
+        storage.write_whole(&path, &temporary, &content)?;
+    }
+    Ok(())
 }
 
 /// All commits of a shard, by number.

@@ -11,7 +11,7 @@ use std::sync::LazyLock;
 use super::commit;
 use super::error::TableError;
 use super::schema::Table;
-use crate::storage::{self, Storage};
+use crate::storage::{self, Need, Storage};
 
 /// The shard of a run that has none.
 pub(super) const WHOLE: u32 = 0;
@@ -36,6 +36,29 @@ pub(super) fn own_temporary_name(name: &str) -> String {
     static TOKEN: LazyLock<u64> = LazyLock::new(|| RandomState::new().build_hasher().finish());
     let token = *TOKEN;
     format!("{TEMPORARY_PREFIX}{name}.{token:016x}{TEMPORARY_SUFFIX}")
+}
+
+/// How much a process needs of an object in a store, by its name below the directory: all that says what run it is, and
+/// the commits that `reads` asks for by their shards.
+pub(super) fn need(name: &str, reads: impl Fn(u32) -> bool) -> Need {
+    let (folder, file) = name.rsplit_once('/').unwrap_or(("", name));
+    let at = Path::new(folder).join(file);
+    let no_directory = Path::new("");
+    if at == commit::run_path(no_directory) || at == commit::plan_path(no_directory) {
+        return Need::Content;
+    }
+    let is_commit = Path::new(folder) == commit::commits_folder(no_directory);
+    match commit::parse_commit_name(file).filter(|_| is_commit) {
+        Some((shard, _)) if reads(shard) => return Need::Content,
+        Some(_) => return Need::Name,
+        None => {}
+    }
+    let is_table = Table::ALL.iter().any(|table| table.name() == folder);
+    if name == SUCCESS || (is_table && parse_part_name(file).is_some()) {
+        Need::Name
+    } else {
+        Need::Nothing
+    }
 }
 
 /// Marks the run in `directory` as done.
@@ -157,6 +180,20 @@ pub(super) fn clear_unfinished_shard(
     remove_unfinished_commits(storage, directory, Some(shard))
 }
 
+/// Finished parts that no commit names, of all shards or of one.
+pub(super) fn unnamed_parts<'a>(
+    directory: &Path,
+    shard: Option<u32>,
+    committed: impl Iterator<Item = &'a str>,
+) -> Result<Vec<(u32, PathBuf)>, TableError> {
+    let committed: BTreeSet<PathBuf> = committed.map(|c| directory.join(c)).collect();
+    let unnamed = parts(directory)?.into_iter().filter(|part| {
+        let is_meant = shard.is_none_or(|shard| part.shard == shard);
+        is_meant && part.is_finished && !committed.contains(&part.path)
+    });
+    Ok(unnamed.map(|part| (part.shard, part.path)).collect())
+}
+
 /// Below which number no part of a shard is there.
 pub(super) fn next_part(directory: &Path, shard: u32) -> Result<u32, TableError> {
     let numbers = parts(directory)?
@@ -201,6 +238,7 @@ fn remove_small_temporaries(storage: &Storage, directory: &Path) -> Result<(), T
 /// Removes the temporary files of a run, or of a shard of it: for a process that must end at once.
 pub fn remove_temporaries(directory: &Path, shard: u32) {
     let storage = Storage::default();
+    storage::remove_stagings();
     // There is no one left to tell.
     let _best_effort = clear_unfinished_shard(&storage, directory, shard);
     if shard == WHOLE {

@@ -35,7 +35,7 @@ pub enum TableError {
         /// Its process id, if it could be read.
         holder: String,
     },
-    /// Another process has committed rows of the shard while this one was at the same.
+    /// Another process has committed rows of the run, or of the shard, while this one was at the same.
     #[error(
         "{}{} is being written by another process as well, which was faster: run it again once that one has ended",
         of_shard(*shard),
@@ -95,6 +95,19 @@ impl TableError {
     /// What the system said.
     pub(crate) fn cause(&self) -> String {
         std::error::Error::source(self).map_or_else(String::new, ToString::to_string)
+    }
+
+    /// The same, told of the directory by its name: it may be staged elsewhere.
+    pub(super) fn named(mut self, name: &Path) -> Self {
+        match &mut self {
+            Self::AnotherRun { directory, .. }
+            | Self::Locked { directory, .. }
+            | Self::Overtaken { directory, .. }
+            | Self::NoPlan { directory }
+            | Self::NotAsPlanned { directory, .. } => name.clone_into(directory),
+            Self::Storage(_) | Self::Parquet { .. } => {}
+        }
+        self
     }
 
     /// Was a name refused because it is taken?

@@ -1,7 +1,7 @@
 //! The end of a run in shards: is every recording of the plan there, once? Then what nothing names is removed, and the
 //! directory marked as done.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -9,7 +9,7 @@ use super::commit::{self, Commit};
 use super::directory::{self, WHOLE, part_name};
 use super::error::TableError;
 use super::output::{lock, lock_shards};
-use super::plan::{Plan, read_plan};
+use super::plan::{Plan, read_plan_at};
 use super::schema::Table;
 use crate::storage::Storage;
 
@@ -54,10 +54,15 @@ pub struct MissingRecordings {
 /// If there is no plan, if a process still writes, if the tables hold what the plan does not say, or what the file
 /// system says.
 pub fn finish(directory: &Path) -> Result<Finish, TableError> {
-    let plan = read_plan(directory)?;
-    let storage = Storage::default();
-    let _whole = lock(&storage, directory, WHOLE)?;
-    let _shards = lock_shards(&storage, directory)?;
+    let need = |name: &str| directory::need(name, |_| true);
+    let (storage, place) = Storage::of(directory, None, need)?;
+    finish_at(&storage, &place).map_err(|e| e.named(directory))
+}
+
+fn finish_at(storage: &Storage, directory: &Path) -> Result<Finish, TableError> {
+    let plan = read_plan_at(directory)?;
+    let _whole = lock(storage, directory, WHOLE)?;
+    let _shards = lock_shards(storage, directory)?;
     let commits = commit::read_all_commits(directory)?;
     let missing = held_against(&plan, &commits).map_err(|what| TableError::NotAsPlanned {
         directory: directory.to_owned(),
@@ -66,10 +71,14 @@ pub fn finish(directory: &Path) -> Result<Finish, TableError> {
     if !missing.is_empty() {
         return Ok(Finish::Missing(missing));
     }
-    check_parts(directory, &commits)?;
+    check_parts(storage, directory, &commits)?;
     let committed = commits.values().flat_map(|c| &c.parts).map(String::as_str);
-    directory::clear_unfinished(&storage, directory, None, committed)?;
-    directory::mark_done(&storage, directory)?;
+    if storage.is_store() {
+        check_nothing_unnamed(directory, committed)?;
+    } else {
+        directory::clear_unfinished(storage, directory, None, committed)?;
+    }
+    directory::mark_done(storage, directory)?;
     let recordings = || commits.values().flat_map(|c| &c.recordings);
     Ok(Finish::Done(Finished {
         n_shards: plan.shards.len() as u64,
@@ -124,7 +133,11 @@ fn held_against(
 }
 
 /// Are all parts there that commits name?
-fn check_parts(directory: &Path, commits: &BTreeMap<(u32, u32), Commit>) -> Result<(), TableError> {
+fn check_parts(
+    storage: &Storage,
+    directory: &Path,
+    commits: &BTreeMap<(u32, u32), Commit>,
+) -> Result<(), TableError> {
     for (&(shard, number), commit) in commits {
         for table in Table::ALL {
             let path = commit.part(shard, table).map(|part| {
@@ -136,11 +149,33 @@ fn check_parts(directory: &Path, commits: &BTreeMap<(u32, u32), Commit>) -> Resu
                     directory: directory.to_owned(),
                     what: format!(
                         "{} is gone, with rows of shard {shard} (commit {number}): give that shard --overwrite",
-                        path.display()
+                        storage.named(&path).display()
                     ),
                 });
             }
         }
     }
     Ok(())
+}
+
+/// Are there parts that no commit names? In a store the process that wrote them may be about to do so; only one that
+/// has taken its number may remove them.
+fn check_nothing_unnamed<'a>(
+    directory: &Path,
+    committed: impl Iterator<Item = &'a str>,
+) -> Result<(), TableError> {
+    let unnamed = directory::unnamed_parts(directory, None, committed)?;
+    let shards: BTreeSet<u32> = unnamed.into_iter().map(|(shard, _)| shard).collect();
+    if shards.is_empty() {
+        return Ok(());
+    }
+    let shards: Vec<String> = shards.iter().map(u32::to_string).collect();
+    Err(TableError::NotAsPlanned {
+        directory: directory.to_owned(),
+        what: format!(
+            "a process still writes to shards {0}, or has left parts there that no commit names: run {0} again, which \
+             removes them",
+            shards.join(",")
+        ),
+    })
 }

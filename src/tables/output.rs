@@ -26,6 +26,8 @@ pub struct OutputDirectory {
     pub(super) options: TableOptions,
     pub(super) storage: Storage,
     pub(super) commits: BTreeMap<u32, Commit>,
+    /// Parts in a store that no commit named when it was opened.
+    leftovers: Vec<PathBuf>,
     lock: Arc<File>,
 }
 
@@ -43,24 +45,36 @@ pub struct BegunRecording {
 impl OutputDirectory {
     /// Opens `directory` for the run that `options` describe, and removes what a process that was stopped left
     /// unfinished. With `overwrite`, or where the run in it has given no step, it begins empty, else with what is
-    /// committed.
+    /// committed. The address of an object store will do as well (`s3://…`): nothing is locked there, and nothing
+    /// removed that another process may be about to name.
     ///
     /// # Errors
     /// [`TableError::AnotherRun`] if it holds a run with other parameters, [`TableError::Locked`] if another process
-    /// writes to it, or what the file system says.
+    /// writes to it, or what the file system or the store says.
     pub fn open(
         directory: &Path,
         options: &TableOptions,
         overwrite: bool,
     ) -> Result<Self, TableError> {
-        let storage = Storage::new(options.faults.clone());
+        let need = |name: &str| directory::need(name, |shard| shard == options.shard);
+        let (storage, place) = Storage::of(directory, options.faults.clone(), need)?;
+        Self::open_at(storage, &place, options, overwrite).map_err(|e| e.named(directory))
+    }
+
+    fn open_at(
+        storage: Storage,
+        directory: &Path,
+        options: &TableOptions,
+        overwrite: bool,
+    ) -> Result<Self, TableError> {
         let run = Run::new(options.steps, &options.metadata);
         if directory.exists() && !directory.is_dir() {
             let what = std::io::Error::from(std::io::ErrorKind::NotADirectory);
             return Err(TableError::io("write tables to", directory)(what));
         }
         let is_whole = options.shard == WHOLE;
-        let begins_empty = || overwrite || (is_whole && is_without_steps(directory));
+        let gives_way = || is_whole && !storage.is_store() && is_without_steps(directory);
+        let begins_empty = || overwrite || gives_way();
         if !begins_empty() {
             // Refused before anything is made or locked: nothing of it is ours.
             check_run(directory, &run, options.shard)?;
@@ -78,21 +92,26 @@ impl OutputDirectory {
         }
         storage.create_folder(&commit::commits_folder(directory))?;
         let commits = commit::read_commits(directory, options.shard)?;
-        if is_whole {
+        let committed = || commits.values().flat_map(|c| &c.parts).map(String::as_str);
+        let mut leftovers = Vec::new();
+        if storage.is_store() {
+            let unnamed = directory::unnamed_parts(directory, Some(options.shard), committed())?;
+            leftovers.extend(unnamed.into_iter().map(|(_, path)| path));
+        } else if is_whole {
             commit::remove_replaced(&storage, directory, WHOLE, &commits)?;
-            let committed = commits.values().flat_map(|c| &c.parts).map(String::as_str);
-            directory::clear_unfinished(&storage, directory, Some(WHOLE), committed)?;
+            directory::clear_unfinished(&storage, directory, Some(WHOLE), committed())?;
         } else {
             directory::clear_unfinished_shard(&storage, directory, options.shard)?;
         }
         if commit::read_run(directory)?.is_none() {
-            commit::write_run(&storage, directory, &run)?;
+            write_run(&storage, directory, &run, options.shard)?;
         }
         Ok(Self {
             directory: directory.to_owned(),
             options: options.clone(),
             storage,
             commits,
+            leftovers,
             lock: Arc::new(lock),
         })
     }
@@ -133,6 +152,11 @@ impl OutputDirectory {
         directory::is_marked_done(&self.directory)
     }
 
+    /// Are there parts that are nobody's, and that the next commit takes away?
+    pub fn has_leftovers(&self) -> bool {
+        !self.leftovers.is_empty()
+    }
+
     /// Takes out the rows of recordings that failed and are tried again.
     ///
     /// # Errors
@@ -169,8 +193,26 @@ impl OutputDirectory {
             &self.options,
             self.storage.clone(),
             (next, next_part),
+            self.leftovers.clone(),
             Arc::clone(&self.lock),
         )
+    }
+}
+
+/// Writes down what run a directory holds. Without locks another process may be at the same: then what it wrote must
+/// be that, too.
+pub(super) fn write_run(
+    storage: &Storage,
+    directory: &Path,
+    run: &Run,
+    shard: u32,
+) -> Result<(), TableError> {
+    match commit::write_run(storage, directory, run) {
+        Err(e) if e.is_taken() => {
+            storage.fetch(&commit::run_path(directory))?;
+            check_run(directory, run, shard)
+        }
+        result => result,
     }
 }
 
@@ -265,6 +307,7 @@ fn without_rows(
 ) -> Result<(), TableError> {
     let path = directory.join(Table::Recordings.name()).join(name);
     let parquet = TableError::parquet(&path);
+    storage.fetch(&path)?;
     let file = File::open(&path).map_err(TableError::io("open", &path))?;
     let batches = ParquetRecordBatchReaderBuilder::try_new(file)
         .and_then(ParquetRecordBatchReaderBuilder::build)

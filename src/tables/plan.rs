@@ -1,6 +1,7 @@
 //! The plan of a run in shards, as a file beside its commits: which recordings, in which shard, read with what options.
 
 use std::fs;
+use std::io::ErrorKind;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -9,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::commit::{self, Run};
 use super::directory::{self, WHOLE, temporary_name};
 use super::error::TableError;
-use super::output::{check_run, lock, lock_shards};
+use super::output::{check_run, lock, lock_shards, write_run};
 use super::writer::TableOptions;
 use crate::storage::Storage;
 
@@ -82,6 +83,11 @@ impl Plan {
 /// # Errors
 /// If there is none, if it is of another version of the program, or if it cannot be read.
 pub fn read_plan(directory: &Path) -> Result<Plan, TableError> {
+    let (_held, place) = Storage::of(directory, None, |name| directory::need(name, |_| false))?;
+    read_plan_at(&place).map_err(|e| e.named(directory))
+}
+
+pub(super) fn read_plan_at(directory: &Path) -> Result<Plan, TableError> {
     /// What can be told of any version.
     #[derive(Deserialize)]
     struct Versions {
@@ -122,7 +128,18 @@ pub fn write_plan(
     plan: &Plan,
     overwrite: bool,
 ) -> Result<bool, TableError> {
-    let storage = Storage::new(options.faults.clone());
+    let need = |name: &str| directory::need(name, |_| false);
+    let (storage, place) = Storage::of(directory, options.faults.clone(), need)?;
+    write_plan_at(&storage, &place, options, plan, overwrite).map_err(|e| e.named(directory))
+}
+
+fn write_plan_at(
+    storage: &Storage,
+    directory: &Path,
+    options: &TableOptions,
+    plan: &Plan,
+    overwrite: bool,
+) -> Result<bool, TableError> {
     let path = commit::plan_path(directory);
     let run = Run::new(options.steps, &options.metadata);
     let text = serde_json::to_vec(plan)
@@ -139,18 +156,37 @@ pub fn write_plan(
         if directory::holds_rows(directory)? {
             // Parameters that differ say more than that the plan does.
             check_run(directory, &run, WHOLE + 1)?;
-            return Err(TableError::AnotherRun {
-                directory: directory.to_owned(),
-                difference: "its recordings or its shards are others".to_owned(),
-            });
+            return Err(another_plan(directory));
         }
     }
     storage.create_folder(&commit::commits_folder(directory))?;
-    let _whole = lock(&storage, directory, WHOLE)?;
-    let _shards = lock_shards(&storage, directory)?;
-    directory::clear(&storage, directory)?;
-    commit::write_run(&storage, directory, &run)?;
     let temporary = path.with_file_name(temporary_name("plan.json"));
+    if storage.is_store() && !overwrite {
+        // A shard of another plan may be about to commit, which no lock would tell.
+        write_run(storage, directory, &run, WHOLE + 1)?;
+        return match storage.write_whole_new(&path, &temporary, &text) {
+            Ok(()) => Ok(true),
+            Err(e) if e.source.kind() == ErrorKind::AlreadyExists => {
+                storage.fetch(&path)?;
+                let there = fs::read(&path).map_err(TableError::io("read", &path))?;
+                (there == text)
+                    .then_some(false)
+                    .ok_or_else(|| another_plan(directory))
+            }
+            Err(e) => Err(e.into()),
+        };
+    }
+    let _whole = lock(storage, directory, WHOLE)?;
+    let _shards = lock_shards(storage, directory)?;
+    directory::clear(storage, directory)?;
+    commit::write_run(storage, directory, &run)?;
     storage.write_whole(&path, &temporary, &text)?;
     Ok(true)
+}
+
+fn another_plan(directory: &Path) -> TableError {
+    TableError::AnotherRun {
+        directory: directory.to_owned(),
+        difference: "its recordings or its shards are others".to_owned(),
+    }
 }

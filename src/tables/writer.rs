@@ -79,6 +79,8 @@ pub struct TableWriter {
     /// The recording whose rows are being written, and which of its episodes are.
     open: Option<OpenRecording>,
     empty: Batches,
+    /// Parts in a store that were there before, and that no commit names.
+    leftovers: Vec<PathBuf>,
     /// Held until the writer is gone.
     _lock: Arc<File>,
 }
@@ -98,6 +100,7 @@ impl TableWriter {
         options: &TableOptions,
         storage: Storage,
         (next, next_part): (u32, u32),
+        leftovers: Vec<PathBuf>,
         lock: Arc<File>,
     ) -> Result<Self, TableError> {
         for table in tables(options) {
@@ -113,6 +116,7 @@ impl TableWriter {
             next_part,
             open: None,
             empty,
+            leftovers,
             _lock: lock,
         })
     }
@@ -172,7 +176,7 @@ impl TableWriter {
         };
         complete(&mut group.commit);
         let number = self.next;
-        let commit = if self.options.shard == WHOLE {
+        let commit = if self.options.shard == WHOLE && !self.storage.is_store() {
             let commit = group.commit()?;
             commit::write_commit(&self.storage, &self.directory, (WHOLE, number), &commit)?;
             commit
@@ -180,7 +184,17 @@ impl TableWriter {
             self.commit_new(group)?
         };
         self.take_number();
+        self.remove_leftovers()?;
         Ok(Some((number, commit)))
+    }
+
+    /// Removes parts in a store that are nobody's. They were there before this process took a number: whoever wrote them
+    /// wanted that number or one before it, and no longer gets it.
+    fn remove_leftovers(&mut self) -> Result<(), TableError> {
+        while let Some(part) = self.leftovers.pop() {
+            self.storage.remove(&part)?;
+        }
+        Ok(())
     }
 
     /// The number of the next group, which is taken with it.
@@ -196,13 +210,13 @@ impl TableWriter {
         self.empty.clone()
     }
 
-    /// The same for a shard. Whether locks reach from machine to machine is not known: so the number of a commit goes
+    /// The same for a shard, and in a store. Whether locks reach from machine to machine is not known: so the number of a commit goes
     /// to the first process that asks for it, and what another did meanwhile on the same rows counts for nothing.
     fn commit_new(&self, group: Group) -> Result<Commit, TableError> {
         let shard = self.options.shard;
         let overtaken = |e: TableError| {
             if e.is_taken() {
-                let directory = self.directory.clone();
+                let directory = self.storage.named(&self.directory);
                 TableError::Overtaken { directory, shard }
             } else {
                 e
@@ -239,12 +253,14 @@ impl TableWriter {
         directory::mark_done(&self.storage, &self.directory)
     }
 
-    /// Closes the last parts. Every table has one then, if need be without rows.
+    /// Closes the last parts. Every table has one then, if need be without rows; and no part is left that no commit
+    /// names.
     ///
     /// # Errors
     /// If the file system refuses.
     pub fn close(&mut self) -> Result<(), TableError> {
-        if self.next == 0 && self.group.is_none() {
+        let needs_commit = self.next == 0 || !self.leftovers.is_empty();
+        if needs_commit && self.group.is_none() {
             let empty = self.empty.clone();
             self.write(&empty, &[])?;
         }
@@ -277,7 +293,12 @@ impl Group {
         let parts = tables(options)
             .map(|table| {
                 let mut part = Part::create(storage, directory, table, &name, options)?;
-                part.is_new = options.shard != WHOLE;
+                // In a store the smallest part takes the number for all: a large object has no name that must be free.
+                part.is_new = if storage.is_store() {
+                    table == Table::Recordings
+                } else {
+                    options.shard != WHOLE
+                };
                 Ok(part)
             })
             .collect::<Result<_, TableError>>()?;
@@ -309,7 +330,9 @@ impl Group {
         Ok(())
     }
 
-    fn commit(self) -> Result<Commit, TableError> {
+    fn commit(mut self) -> Result<Commit, TableError> {
+        // That which takes a number first.
+        self.parts.sort_by_key(|part| !part.is_new);
         self.parts.into_iter().try_for_each(Part::commit)?;
         Ok(self.commit)
     }

@@ -44,7 +44,7 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
     ("extraction", &["model"]),
     ("tables", &["storage", "model"]),
     ("events", &["storage", "model"]),
-    ("storage", &[]),
+    ("storage", &["cloud"]),
     ("results", &["tables", "model"]),
     ("show", &["results", "text", "model"]),
     ("diff", &["results", "text", "model"]),

@@ -345,4 +345,33 @@ fn without_the_feature_an_address_is_refused_with_how_to_get_it() {
         let told = String::from_utf8(output.stderr).unwrap();
         assert!(told.contains("--features cloud"), "{told}");
     }
+    let address = "s3://bucket/out";
+    for (arguments, expected) in [
+        (
+            ["extract", "fixtures/recordings", "-o", address].as_slice(),
+            2,
+        ),
+        (
+            &[
+                "plan",
+                "fixtures/recordings",
+                "--shards",
+                "2",
+                "-o",
+                address,
+            ],
+            2,
+        ),
+        (&["extract", "--shard", "1/2", "-o", address], 2),
+        (&["finish", address], 1),
+    ] {
+        let output = coact(arguments);
+        let told = stderr(&output);
+        assert_eq!(code(&output), expected, "{told}");
+        assert!(
+            told.contains(address) && told.contains("--features cloud"),
+            "{told}"
+        );
+    }
+    assert!(!Path::new("s3:").exists());
 }

@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import socket
 import subprocess
 import threading
 from collections.abc import Callable, Iterator
@@ -18,58 +17,15 @@ import pyarrow.parquet as pq
 import pytest
 from mcap.writer import CompressionType, Writer
 
-boto3 = pytest.importorskip("boto3")
-moto_server = pytest.importorskip("moto.server")
-
 if "COACT_CLOUD" not in os.environ:
     pytest.skip("the program is built without object stores", allow_module_level=True)
+
+from store import Proxy, client, serve
 
 TABLES = ("segments", "steps", "episodes", "recordings")
 BUCKET = "recordings"
 # A connection gives this much, then it is cut.
 CUT_AFTER = 700_000
-
-
-class Proxy:
-    """Passes bytes on to a server, and cuts what comes back after a while."""
-
-    def __init__(self, server: tuple[str, int]) -> None:
-        self.server = server
-        self.cut_after: int | None = None
-        self.on_bytes: Callable[[int], None] | None = None
-        self.n_cuts = 0
-        self.listener = socket.create_server(("127.0.0.1", 0))
-        self.port: int = self.listener.getsockname()[1]
-        threading.Thread(target=self.accept, daemon=True).start()
-
-    def accept(self) -> None:
-        while True:
-            try:
-                client, _ = self.listener.accept()
-            except OSError:
-                return
-            server = socket.create_connection(self.server)
-            for target, source in ((server, client), (client, server)):
-                threading.Thread(target=self.pass_on, args=(source, target, source is server), daemon=True).start()
-
-    def pass_on(self, source: socket.socket, target: socket.socket, is_answer: bool) -> None:
-        n_bytes = 0
-        try:
-            while piece := source.recv(1 << 16):
-                n_bytes += len(piece)
-                if is_answer and self.on_bytes:
-                    self.on_bytes(n_bytes)
-                if is_answer and self.cut_after and n_bytes > self.cut_after:
-                    self.n_cuts += 1
-                    break
-                target.sendall(piece)
-        except OSError:
-            pass
-        for end in (source, target):
-            try:
-                end.shutdown(socket.SHUT_RDWR)
-            except OSError:
-                pass
 
 
 @pytest.fixture(scope="module")
@@ -105,16 +61,7 @@ def write_large(path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def server() -> Iterator[tuple[str, int]]:
-    server = moto_server.ThreadedMotoServer(ip_address="127.0.0.1", port=0)
-    server.start()
-    yield server.get_host_and_port()
-    server.stop()
-
-
-def client(server: tuple[str, int]):  # noqa: ANN201
-    host, port = server
-    keys = {"aws_access_key_id": "test", "aws_secret_access_key": "test", "region_name": "us-east-1"}
-    return boto3.client("s3", endpoint_url=f"http://{host}:{port}", **keys)
+    yield from serve()
 
 
 @pytest.fixture(scope="module")
@@ -130,17 +77,10 @@ def proxy(server: tuple[str, int], local: Path) -> Proxy:
 @pytest.fixture
 def run(coact: Path, proxy: Proxy) -> Iterator[Callable[..., subprocess.CompletedProcess[str]]]:
     proxy.cut_after, proxy.on_bytes, proxy.n_cuts = None, None, 0
-    env = {
-        **os.environ,
-        "AWS_ACCESS_KEY_ID": "test",
-        "AWS_SECRET_ACCESS_KEY": "test",
-        "AWS_ENDPOINT_URL": f"http://127.0.0.1:{proxy.port}",
-        "AWS_ALLOW_HTTP": "true",
-    }
 
     def run(*args: object) -> subprocess.CompletedProcess[str]:
         command = [str(coact), *map(str, args)]
-        return subprocess.run(command, env=env, capture_output=True, text=True, timeout=120, check=False)
+        return subprocess.run(command, env=proxy.env(), capture_output=True, text=True, timeout=120, check=False)
 
     yield run
 
@@ -210,14 +150,12 @@ def test_what_a_store_cannot_do_is_refused_by_name(run, tmp_path: Path) -> None:
         ((f"s3://{BUCKET}/runs/*.mcap",), 2, "object stores have none"),
         ((f"s3://{BUCKET}/nothing",), 1, "no recordings found"),
         (("s3://no-such-bucket/runs",), 1, "cannot list s3://no-such-bucket/runs"),
-        (("ftp://host/a.mcap",), 1, "ftp:// is not read"),
+        (("ftp://host/a.mcap",), 1, "ftp:// is no store"),
         ((f"s3://{BUCKET}/gone.mcap",), 1, "no such object"),
         (("https://127.0.0.1:1/runs",), 1, "name each recording"),
     ):
         done = run("extract", *args, "-o", out)
         assert (done.returncode, told in done.stderr) == (code, True), (args, done.stderr)
-    done = run("extract", f"s3://{BUCKET}/runs", "-o", f"s3://{BUCKET}/out")
-    assert (done.returncode, "cannot be written to" in done.stderr) == (2, True)
 
 
 def test_inspect_reads_from_a_store(run) -> None:  # noqa: ANN001

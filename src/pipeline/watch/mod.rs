@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 use rayon::prelude::*;
 
-use super::config::{Config, RunError};
+use super::config::{Config, RunError, check_is_file};
 use super::inputs::{self, Input};
 use super::resume::InTables;
 use super::round::Extracted;
@@ -69,6 +69,7 @@ pub fn watch(
         let missing = "a folder to watch and an output directory are needed";
         return Err(RunError::Arguments(missing.to_owned()));
     };
+    check_is_file(Some(output), "tables that grow")?;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(run.threads)
         .build()
