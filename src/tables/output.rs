@@ -16,7 +16,7 @@ use super::directory::{self, WHOLE, part_name};
 use super::error::TableError;
 use super::schema::Table;
 use super::writer::{Part, TableOptions, TableWriter};
-use crate::model::RecordingIdentity;
+use crate::model::{RecordingIdentity, RecordingStatus};
 use crate::storage::Storage;
 
 /// An output directory that nobody else writes to, as long as this lives.
@@ -117,14 +117,25 @@ impl OutputDirectory {
                 } else {
                     &mut of_name.beginning
                 };
-                *known_by = Some(open.identity.clone());
+                // A merger stands behind commits that say more. A beginning that is longer tells more.
+                if known_by
+                    .as_ref()
+                    .is_none_or(|known| known.bytes <= open.identity.bytes)
+                {
+                    *known_by = Some(open.identity.clone());
+                }
                 of_name.written.join(&open.written);
             };
             commit.open.iter().for_each(|open| add(open, true));
             commit.growing.iter().for_each(|open| add(open, false));
         }
+        // One that failed later is read again, and its episodes are there.
         let done = self.done();
-        begun.retain(|name, _| !done.contains_key(&**name));
+        let stands = |name: &str| {
+            let done = done.get(name);
+            done.is_some_and(|done| done.status != RecordingStatus::Failed)
+        };
+        begun.retain(|name, _| !stands(name));
         begun
     }
 
