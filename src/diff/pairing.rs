@@ -4,6 +4,8 @@
 //! are one that moved, if their starts and their ends are at most the tolerance apart; else the one that starts earlier
 //! has no partner.
 
+use std::cmp::Ordering;
+
 use super::Span;
 
 /// Two segments that are one, or one that has no partner.
@@ -45,10 +47,21 @@ pub(super) fn pairs(a: &[Span], b: &[Span], tolerance: usize) -> Vec<Pair> {
     pairs
 }
 
-/// Places of segments of the same steps, in order.
+/// Places of segments of the same steps, in order; each place once, even where a run has a segment twice.
 fn same(a: &[Span], b: &[Span]) -> Vec<(usize, usize)> {
-    let find = |(at_a, span): (usize, &Span)| Some((at_a, b.binary_search(span).ok()?));
-    a.iter().enumerate().filter_map(find).collect()
+    let mut found = Vec::new();
+    let (mut at_a, mut at_b) = (0, 0);
+    while let (Some(x), Some(y)) = (a.get(at_a), b.get(at_b)) {
+        match x.cmp(y) {
+            Ordering::Less => at_a += 1,
+            Ordering::Greater => at_b += 1,
+            Ordering::Equal => {
+                found.push((at_a, at_b));
+                (at_a, at_b) = (at_a + 1, at_b + 1);
+            }
+        }
+    }
+    found
 }
 
 /// Segments none of which is the same as another.
@@ -107,6 +120,7 @@ mod tests {
         check(&[(1, 4), (4, 9)], &[(1, 5), (5, 9)], 0, "-1 +1 -4 +5");
         check(&[(1, 40)], &[(1, 20), (20, 40)], 3, "+1 -1 +20");
         check(&[], &[(2, 3)], 3, "+2");
+        check(&[(1, 4), (1, 4), (4, 9)], &[(1, 4), (4, 9)], 0, "= -1 =");
     }
 
     #[test]

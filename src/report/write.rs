@@ -108,19 +108,9 @@ struct PageJob<'a> {
 }
 
 impl PageJob<'_> {
-    /// Writes the page under a name of its own, then gives it its name: there is a whole page or none.
     fn write(&self, path: &Path) -> Result<u64, ReportError> {
         let segments = SegmentsOf::read(self.results, self.survey, self.chosen)?;
-        let temporary = temporary(path);
-        let written = self.write_to(&temporary, &segments).and_then(|n| {
-            fs::rename(&temporary, path)
-                .map(|()| n)
-                .map_err(io_error(path))
-        });
-        if written.is_err() {
-            let _best_effort: io::Result<()> = fs::remove_file(&temporary);
-        }
-        written
+        whole(path, |temporary| self.write_to(temporary, &segments))
     }
 
     fn write_to(&self, path: &Path, segments: &SegmentsOf) -> Result<u64, ReportError> {
@@ -257,7 +247,9 @@ fn figures(
             } else {
                 svg.clone().into_bytes()
             };
-            fs::write(&path, content).map_err(io_error(&path))?;
+            whole(&path, |temporary| {
+                fs::write(temporary, content).map_err(io_error(temporary))
+            })?;
             written.push(path);
         }
     }
@@ -273,6 +265,23 @@ fn not_taken(taken: &mut HashSet<String>, stem: &str) -> String {
         name = format!("{stem}-{n}");
     }
     name
+}
+
+/// Writes a file under a name of its own, then gives it its name: there is a whole file or none.
+fn whole<T>(
+    path: &Path,
+    write: impl FnOnce(&Path) -> Result<T, ReportError>,
+) -> Result<T, ReportError> {
+    let temporary = temporary(path);
+    let written = write(&temporary).and_then(|told| {
+        fs::rename(&temporary, path)
+            .map(|()| told)
+            .map_err(io_error(path))
+    });
+    if written.is_err() {
+        let _best_effort: io::Result<()> = fs::remove_file(&temporary);
+    }
+    written
 }
 
 fn temporary(path: &Path) -> PathBuf {
