@@ -1,6 +1,6 @@
 //! Every call to the file system that writing makes, in one place, so that a test can make any of them fail.
 
-use std::fs::{self, File};
+use std::fs::{self, File, TryLockError};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -38,6 +38,7 @@ pub struct Faults {
     calls: AtomicU64,
     fail_at: Option<u64>,
     for_good: bool,
+    no_locks: bool,
 }
 
 impl Faults {
@@ -52,6 +53,15 @@ impl Faults {
             calls: AtomicU64::new(0),
             fail_at: Some(n),
             for_good,
+            no_locks: false,
+        }
+    }
+
+    /// Refuses locks, as some network drives do, and nothing else.
+    pub fn no_locks() -> Self {
+        Self {
+            no_locks: true,
+            ..Self::default()
         }
     }
 
@@ -138,6 +148,14 @@ impl Storage {
                     .open(path)
             })
             .map_err(StorageError::io("open", path))
+    }
+
+    /// Takes the lock on a file if nobody has it.
+    pub(crate) fn try_lock(&self, file: &File) -> Result<(), TryLockError> {
+        if self.faults.as_ref().is_some_and(|faults| faults.no_locks) {
+            return Err(TryLockError::Error(io::ErrorKind::Unsupported.into()));
+        }
+        file.try_lock()
     }
 
     /// Makes or empties a file.

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::directory::{own_temporary_name, parse_part_name, temporary_name};
+use super::directory::{own_temporary_name, parse_part_name};
 use super::error::TableError;
 use super::schema::{TABLE_VERSION, Table};
 use crate::model::{RecordingIdentity, RecordingStatus};
@@ -258,7 +258,7 @@ pub(super) fn read_run(directory: &Path) -> Result<Option<Run>, TableError> {
 
 pub(super) fn write_run(storage: &Storage, directory: &Path, run: &Run) -> Result<(), TableError> {
     let path = run_path(directory);
-    let temporary = path.with_file_name(temporary_name("run.json"));
+    let temporary = path.with_file_name(own_temporary_name("run.json"));
     Ok(storage.write_whole(&path, &temporary, &to_json(&path, run)?)?)
 }
 
