@@ -50,7 +50,7 @@ fn extract(args: cli::ExtractArgs) -> u8 {
     };
     let display = ProgressDisplay::new(progress);
     let interrupt = Arc::new(Interrupt::default());
-    let signals = Signals::watch(&interrupt, config.tables(), config.events.clone());
+    let signals = Signals::watch(&interrupt, config.output.clone(), config.events.clone());
     let result = pipeline::run(&config, &|p| display.update(p), &interrupt);
     display.finish();
     let summary = match result {

@@ -4,7 +4,7 @@
 mod faults;
 mod mirror;
 
-use std::fs::{self, File};
+use std::fs::{self, File, TryLockError};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -146,6 +146,14 @@ impl Storage {
                     .open(path)
             })
             .map_err(StorageError::io("open", path))
+    }
+
+    /// Takes the lock on a file if nobody has it.
+    pub(crate) fn try_lock(&self, file: &File) -> Result<(), TryLockError> {
+        if self.faults.as_ref().is_some_and(|faults| faults.no_locks) {
+            return Err(TryLockError::Error(io::ErrorKind::Unsupported.into()));
+        }
+        file.try_lock()
     }
 
     /// Makes or empties a file.

@@ -27,15 +27,13 @@ pub struct Signals {
 
 impl Signals {
     /// Raises `interrupt` on the first signal. A run that does not stop in time is ended;
-    /// temporary files in the folders of tables (of one shard, or 0) and of events are removed before.
+    /// its temporary files in the folders of tables and of events are removed before.
     pub fn watch(
         interrupt: &Arc<Interrupt>,
-        tables: Option<(PathBuf, u32)>,
+        tables: Option<PathBuf>,
         events: Option<PathBuf>,
     ) -> Self {
-        let is_in_store = tables
-            .as_ref()
-            .is_some_and(|(output, _)| is_in_store(output));
+        let is_in_store = tables.as_ref().is_some_and(|output| is_in_store(output));
         let patience = if is_in_store {
             PATIENCE_WITH_STORE
         } else {
@@ -46,13 +44,12 @@ impl Signals {
 
     /// The same for a command that ends well by being asked to stop. The second signal ends it at once.
     pub fn of_watch(interrupt: &Arc<Interrupt>, output: Option<PathBuf>) -> Self {
-        let tables = output.map(|output| (output, 0));
-        Self::with_patience(interrupt, tables, None, PATIENCE_OF_WATCH)
+        Self::with_patience(interrupt, output, None, PATIENCE_OF_WATCH)
     }
 
     fn with_patience(
         interrupt: &Arc<Interrupt>,
-        tables: Option<(PathBuf, u32)>,
+        tables: Option<PathBuf>,
         events: Option<PathBuf>,
         patience: Duration,
     ) -> Self {
@@ -95,7 +92,7 @@ mod unix {
     const PAUSE: Duration = Duration::from_millis(50);
 
     /// Of tables and of events.
-    type Folders = (Option<(PathBuf, u32)>, Option<PathBuf>);
+    type Folders = (Option<PathBuf>, Option<PathBuf>);
 
     pub(super) fn watch(
         interrupt: Arc<Interrupt>,
@@ -134,7 +131,7 @@ mod unix {
 
     #[expect(clippy::exit, reason = "the run did not stop in time")]
     fn end(signal: i32, (tables, events): &Folders) {
-        remove_temporaries(tables.as_ref(), events.as_deref());
+        remove_temporaries(tables.as_deref(), events.as_deref());
         std::process::exit(i32::from(code(signal)));
     }
 }

@@ -61,12 +61,6 @@ impl Config {
         }
     }
 
-    /// Where the tables go, and the shard that goes there; 0 when there is none.
-    pub fn tables(&self) -> Option<(PathBuf, u32)> {
-        let shard = self.shard.as_ref().map_or(0, |shard| shard.number);
-        Some((self.output.clone()?, shard))
-    }
-
     /// How events are written; `None` if they are not wanted.
     pub(crate) fn events(&self) -> Option<EventsOptions> {
         let mut metadata = self.metadata();

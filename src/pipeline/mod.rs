@@ -21,7 +21,7 @@ mod round;
 mod source;
 mod watch;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
@@ -210,9 +210,9 @@ fn events_writer(config: &Config, inputs: &[Input]) -> Option<EventsWriter> {
 }
 
 /// Removes the unfinished files of a run that must end at once.
-pub fn remove_temporaries(tables: Option<&(PathBuf, u32)>, events: Option<&Path>) {
-    if let Some((output, shard)) = tables {
-        tables::remove_temporaries(output, *shard);
+pub fn remove_temporaries(tables: Option<&Path>, events: Option<&Path>) {
+    if let Some(directory) = tables {
+        tables::remove_temporaries(directory);
     }
     if let Some(directory) = events {
         events::remove_temporaries(directory);

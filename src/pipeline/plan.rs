@@ -97,6 +97,7 @@ pub(super) fn table_options(config: &Config) -> TableOptions {
     TableOptions {
         steps: config.steps,
         shard: config.shard.as_ref().map_or(0, |shard| shard.number),
+        plan: config.shard.as_ref().map(|shard| Arc::clone(&shard.plan)),
         metadata: config.metadata(),
         max_part_rows: config.max_part_rows,
         faults: config.faults.clone(),

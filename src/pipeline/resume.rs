@@ -93,7 +93,7 @@ pub(crate) fn under_known_names(
     arguments: &[PathBuf],
     directory: &OutputDirectory,
 ) -> Vec<Input> {
-    let is_among = |name: &str, inputs: &[Input]| inputs.iter().any(|i| *i.name == *name);
+    let is_among = |name: &str, inputs: &[Input]| input_of(name, inputs).is_some();
     let begun = directory.begun();
     let known = directory
         .done()

@@ -9,6 +9,7 @@ pub struct Faults {
     calls: AtomicU64,
     fail_at: Option<u64>,
     for_good: bool,
+    pub(super) no_locks: bool,
 }
 
 impl Faults {
@@ -23,6 +24,15 @@ impl Faults {
             calls: AtomicU64::new(0),
             fail_at: Some(n),
             for_good,
+            no_locks: false,
+        }
+    }
+
+    /// Refuses locks, as some network drives do, and nothing else.
+    pub fn no_locks() -> Self {
+        Self {
+            no_locks: true,
+            ..Self::default()
         }
     }
 

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::directory::{own_temporary_name, parse_part_name, temporary_name};
+use super::directory::{own_temporary_name, parse_part_name};
 use super::error::TableError;
 use super::schema::{TABLE_VERSION, Table};
 use crate::model::{RecordingIdentity, RecordingStatus};
@@ -259,7 +259,7 @@ pub(super) fn read_run(directory: &Path) -> Result<Option<Run>, TableError> {
 /// Writes what run a directory holds; in a store, whose lock nobody holds, the name must be free.
 pub(super) fn write_run(storage: &Storage, directory: &Path, run: &Run) -> Result<(), TableError> {
     let path = run_path(directory);
-    let temporary = path.with_file_name(temporary_name("run.json"));
+    let temporary = path.with_file_name(own_temporary_name("run.json"));
     let content = to_json(&path, run)?;
     if storage.is_store() {
         storage.write_whole_new(&path, &temporary, &content)?;

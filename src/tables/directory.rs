@@ -1,5 +1,6 @@
 //! Which files in an output directory are ours, and whether a run is done. Nothing else in it is ever touched.
 
+use std::cmp::Reverse;
 use std::collections::BTreeSet;
 use std::collections::hash_map::RandomState;
 use std::ffi::OsStr;
@@ -30,12 +31,17 @@ pub(super) fn temporary_name(name: &str) -> String {
     format!("{TEMPORARY_PREFIX}{name}{TEMPORARY_SUFFIX}")
 }
 
-/// The same for a file that processes on several machines may be writing at once: no two use one name.
+/// The same for a file that other processes may be writing at once, on this machine or another: no two use one name.
 pub(super) fn own_temporary_name(name: &str) -> String {
+    format!("{TEMPORARY_PREFIX}{name}{}", own_suffix())
+}
+
+/// Ends the names of the temporary files of this process.
+fn own_suffix() -> String {
     // A process number would not do: in containers all are 1.
     static TOKEN: LazyLock<u64> = LazyLock::new(|| RandomState::new().build_hasher().finish());
     let token = *TOKEN;
-    format!("{TEMPORARY_PREFIX}{name}.{token:016x}{TEMPORARY_SUFFIX}")
+    format!(".{token:016x}{TEMPORARY_SUFFIX}")
 }
 
 /// How much a process needs of an object in a store, by its name below the directory: all that says what run it is, and
@@ -65,7 +71,7 @@ pub(super) fn need(name: &str, reads: impl Fn(u32) -> bool) -> Need {
 pub(super) fn mark_done(storage: &Storage, directory: &Path) -> Result<(), TableError> {
     storage.write_whole(
         &directory.join(SUCCESS),
-        &directory.join(temporary_name(SUCCESS)),
+        &directory.join(own_temporary_name(SUCCESS)),
         b"",
     )?;
     Ok(())
@@ -107,9 +113,16 @@ pub fn holds_run(directory: &Path) -> Result<bool, TableError> {
 
 /// Removes what a run has left in `directory`, but for its locks, and nothing else.
 pub(super) fn clear(storage: &Storage, directory: &Path) -> Result<(), TableError> {
+    unmark_done(storage, directory)?;
+    // What says which run it is goes before any row: one that is half cleared is no run that can go on.
+    let described = [commit::run_path(directory), commit::plan_path(directory)];
+    if described.iter().any(|path| path.exists()) {
+        for path in &described {
+            storage.remove(path)?;
+        }
+        storage.sync_folder(&directory.join(commit::FOLDER))?;
+    }
     clear_rows(storage, directory, |_| true)?;
-    storage.remove(&commit::plan_path(directory))?;
-    storage.remove(&commit::run_path(directory))?;
     for table in Table::ALL {
         storage::remove_empty_folder(&directory.join(table.name()));
     }
@@ -126,17 +139,21 @@ pub(super) fn clear_shard(
 }
 
 /// The mark goes first, then what the parts are known by: a directory half cleared is not done, and no part in it
-/// counts.
+/// counts. Of the commits the last goes first: each says of a recording what all before it hold, too.
 fn clear_rows(
     storage: &Storage,
     directory: &Path,
     is_meant: impl Fn(u32) -> bool,
 ) -> Result<(), TableError> {
     unmark_done(storage, directory)?;
-    for file in commit_files(directory)? {
-        if is_meant(file.shard) {
-            storage.remove(&file.path)?;
-        }
+    let mut commits = commit_files(directory)?;
+    commits.retain(|file| is_meant(file.shard));
+    commits.sort_by_key(|file| Reverse(file.number));
+    for file in &commits {
+        storage.remove(&file.path)?;
+    }
+    if !commits.is_empty() {
+        storage.sync_folder(&commit::commits_folder(directory))?;
     }
     for part in parts(directory)? {
         if is_meant(part.shard) {
@@ -218,31 +235,45 @@ fn remove_unfinished_commits(
 
 /// Removes those that only a process alone in the directory writes.
 fn remove_small_temporaries(storage: &Storage, directory: &Path) -> Result<(), TableError> {
-    let temporary = |path: PathBuf| {
-        let name = path.file_name().and_then(OsStr::to_str).unwrap_or("");
-        path.with_file_name(temporary_name(name))
-    };
-    let paths = [
-        directory.join(SUCCESS),
-        commit::run_path(directory),
-        commit::plan_path(directory),
-    ];
-    for path in paths.map(temporary) {
-        if path.exists() {
-            storage.remove(&path)?;
-        }
+    for path in small_temporaries(directory)? {
+        storage.remove(&path)?;
     }
     Ok(())
 }
 
-/// Removes the temporary files of a run, or of a shard of it: for a process that must end at once.
-pub fn remove_temporaries(directory: &Path, shard: u32) {
+fn small_temporaries(directory: &Path) -> Result<Vec<PathBuf>, TableError> {
+    let small = [
+        directory.join(SUCCESS),
+        commit::run_path(directory),
+        commit::plan_path(directory),
+    ];
+    let mut found = names_in(directory)?;
+    found.extend(names_in(&directory.join(commit::FOLDER))?);
+    found.retain(|path| {
+        let name = path.file_name().and_then(OsStr::to_str).unwrap_or("");
+        let finished = finished_name(name);
+        finished != name && small.contains(&path.with_file_name(finished))
+    });
+    Ok(found)
+}
+
+/// Removes the temporary files of this process, for one that must end at once. It may never have held the lock: those
+/// of others stay.
+pub fn remove_temporaries(directory: &Path) {
     let storage = Storage::default();
     storage::remove_stagings();
-    // There is no one left to tell.
-    let _best_effort = clear_unfinished_shard(&storage, directory, shard);
-    if shard == WHOLE {
-        let _best_effort = remove_small_temporaries(&storage, directory);
+    let path_of = |found: Found| found.path;
+    let found = [
+        parts(directory).map(|found| found.into_iter().map(path_of).collect()),
+        commit_files(directory).map(|found| found.into_iter().map(path_of).collect()),
+        small_temporaries(directory),
+    ];
+    let suffix = own_suffix();
+    let is_own = |path: &PathBuf| path.to_str().is_some_and(|path| path.ends_with(&suffix));
+    let found: Vec<Vec<PathBuf>> = found.into_iter().flatten().collect();
+    for path in found.iter().flatten().filter(|path| is_own(path)) {
+        // There is no one left to tell.
+        let _best_effort = storage.remove(path);
     }
 }
 

@@ -5,12 +5,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
 
-use super::commit::{self, Commit};
-use super::directory::{self, WHOLE, part_name};
+use super::commit::{self, Commit, DoneRecording};
+use super::directory::{self, part_name};
 use super::error::TableError;
-use super::output::{lock, lock_shards};
+use super::output::{lock_for_plan, lock_shards};
 use super::plan::{Plan, read_plan_at};
 use super::schema::Table;
+use crate::model::RecordingStatus;
 use crate::storage::Storage;
 
 /// Whether a run in shards is whole.
@@ -44,7 +45,7 @@ pub struct MissingRecordings {
     pub shard: u32,
     /// How many recordings it is to have.
     pub n_planned: usize,
-    /// Those that are not in the tables, in order.
+    /// Those that are not in the tables, or not as they were planned, in order.
     pub missing: Vec<Arc<str>>,
 }
 
@@ -60,9 +61,12 @@ pub fn finish(directory: &Path) -> Result<Finish, TableError> {
 }
 
 fn finish_at(storage: &Storage, directory: &Path) -> Result<Finish, TableError> {
+    // Also before anything is locked: a directory without a plan is none of ours.
+    read_plan_at(directory)?;
+    let _whole = lock_for_plan(storage, directory)?;
+    let mut shards = BTreeMap::new();
+    lock_shards(storage, directory, &mut shards)?;
     let plan = read_plan_at(directory)?;
-    let _whole = lock(storage, directory, WHOLE)?;
-    let _shards = lock_shards(storage, directory)?;
     let commits = commit::read_all_commits(directory)?;
     let missing = held_against(&plan, &commits).map_err(|what| TableError::NotAsPlanned {
         directory: directory.to_owned(),
@@ -94,11 +98,11 @@ fn held_against(
     plan: &Plan,
     commits: &BTreeMap<(u32, u32), Commit>,
 ) -> Result<Vec<MissingRecordings>, String> {
-    let mut there: BTreeMap<&str, u32> = BTreeMap::new();
+    let mut there: BTreeMap<&str, (u32, &DoneRecording)> = BTreeMap::new();
     for (&(shard, _), commit) in commits {
         for recording in &commit.recordings {
             let name = &*recording.identity.name;
-            if there.insert(name, shard).is_some() {
+            if there.insert(name, (shard, recording)).is_some() {
                 return Err(format!("{name} is in the tables twice"));
             }
         }
@@ -108,8 +112,14 @@ fn held_against(
         let mut missing = Vec::new();
         for recording in &planned.recordings {
             match there.remove(&*recording.name) {
-                Some(of) if of == shard => {}
-                Some(of) => {
+                Some((of, done)) if of == shard => {
+                    // The row of one that failed says so, if it is not what was planned.
+                    let is_failed = done.status == RecordingStatus::Failed;
+                    if !is_failed && done.identity.bytes != recording.bytes {
+                        missing.push(Arc::clone(&recording.name));
+                    }
+                }
+                Some((of, _)) => {
                     let name = &recording.name;
                     return Err(format!("{name} of shard {shard} was written by shard {of}"));
                 }

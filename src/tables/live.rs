@@ -17,6 +17,7 @@ use super::output::{BegunRecording, OutputDirectory};
 use super::rows::Batches;
 use super::schema::Table;
 use super::writer::{Part, TableWriter, tables};
+use crate::model::RecordingStatus;
 
 /// Groups of more steps than half of this are not merged: they are no small ones.
 const MAX_MERGED_STEPS: u64 = 4 << 20;
@@ -83,8 +84,11 @@ impl LiveTables {
                     }
                     Mark::Recording(done) => {
                         let name = &done.identity.name;
-                        self.begun.remove(name);
-                        growing.remove(name);
+                        // One that failed is read again: which of its episodes are there must stay known.
+                        if done.status != RecordingStatus::Failed {
+                            self.begun.remove(name);
+                            growing.remove(name);
+                        }
                         self.done.insert(Arc::clone(name), done.clone());
                         recordings.push(done.clone());
                     }
@@ -116,16 +120,16 @@ impl LiveTables {
         Ok(())
     }
 
-    /// Merges the smallest groups and closes the tables; marks them as done if all recordings are.
+    /// Merges the smallest groups and closes the tables; marks them as done if all recordings are, those that are gone
+    /// too.
     ///
     /// # Errors
     /// If the file system refuses.
     pub fn finish(mut self, is_whole: bool) -> Result<(), TableError> {
-        let smallest = self.small_groups(0);
-        if smallest.len() > 1 {
+        while let Some(smallest) = self.small_groups(0, 2) {
             self.merge(&smallest)?;
         }
-        if is_whole {
+        if is_whole && self.begun.is_empty() {
             self.writer.finish()
         } else {
             Ok(())
@@ -135,28 +139,26 @@ impl LiveTables {
     fn merge_where_due(&mut self) -> Result<(), TableError> {
         let levels: BTreeSet<u32> = self.output.commits.values().map(|c| c.level).collect();
         for level in levels {
-            let groups = self.small_groups(level);
-            if groups.len() >= self.merge_after {
+            if let Some(groups) = self.small_groups(level, self.merge_after) {
                 self.merge(&groups)?;
             }
         }
         Ok(())
     }
 
-    /// The first small groups of a level, as many as one group may hold.
-    fn small_groups(&self, level: u32) -> Vec<u32> {
-        let mut n_steps = 0;
-        let of = |commit: &Commit| commit.n_steps.unwrap_or(u64::MAX);
-        self.output
-            .commits
-            .iter()
-            .filter(|(_, c)| c.level == level && of(c) <= MAX_MERGED_STEPS / 2)
-            .take_while(|(_, c)| {
-                n_steps += of(c);
-                n_steps <= MAX_MERGED_STEPS
-            })
-            .map(|(&number, _)| number)
-            .collect()
+    /// Small groups of a level, `at_least` so many, in their order.
+    fn small_groups(&self, level: u32, at_least: usize) -> Option<Vec<u32>> {
+        // A commit says of one recording that an undisturbed run was cut in it: that cannot be merged with another.
+        let is_cut = |commit: &Commit| {
+            let open = commit.open.as_ref();
+            open.is_some_and(|open| self.begun.contains_key(&open.identity.name))
+        };
+        let commits = self.output.commits.iter();
+        let of_level = commits.filter(|(_, c)| c.level == level && !is_cut(c));
+        fitting(
+            of_level.filter_map(|(&number, c)| Some((number, c.n_steps?))),
+            at_least,
+        )
     }
 
     /// Makes one group of several, and removes them.
@@ -203,6 +205,25 @@ impl LiveTables {
     }
 }
 
+/// The first small groups in a row that one group can hold, `at_least` so many. Where larger ones among them leave room
+/// for too few, those stay as they are, and do not hold up the groups behind them.
+fn fitting(groups: impl Iterator<Item = (u32, u64)>, at_least: usize) -> Option<Vec<u32>> {
+    let mut row = Vec::new();
+    let mut n_in_row = 0;
+    for (number, n_steps) in groups.filter(|&(_, n_steps)| n_steps <= MAX_MERGED_STEPS / 2) {
+        if n_in_row + n_steps > MAX_MERGED_STEPS {
+            if row.len() >= at_least {
+                break;
+            }
+            row.clear();
+            n_in_row = 0;
+        }
+        row.push(number);
+        n_in_row += n_steps;
+    }
+    (row.len() >= at_least).then_some(row)
+}
+
 /// What the commit of a merger says, but for its parts.
 fn merged<'a>(commits: impl Iterator<Item = &'a Commit>) -> Commit {
     let mut merged = Commit {
@@ -214,16 +235,20 @@ fn merged<'a>(commits: impl Iterator<Item = &'a Commit>) -> Commit {
         merged.level = merged.level.max(commit.level + 1);
         merged.n_steps = merged.n_steps.zip(commit.n_steps).map(|(a, b)| a + b);
         merged.recordings.extend_from_slice(&commit.recordings);
-        // The later one says more. One that an undisturbed run was cut in stands for itself.
+        // Which of two says more does not show in their order: one may be a merger.
         for open in &commit.growing {
-            growing.insert(Arc::clone(&open.identity.name), open.clone());
-        }
-        if commit.open.is_some() {
-            merged.open.clone_from(&commit.open);
+            let known = growing.entry(Arc::clone(&open.identity.name));
+            let known = known.or_insert_with(|| open.clone());
+            if known.identity.bytes < open.identity.bytes {
+                known.identity = open.identity.clone();
+            }
+            known.written.join(&open.written);
         }
     }
     for done in &merged.recordings {
-        growing.remove(&done.identity.name);
+        if done.status != RecordingStatus::Failed {
+            growing.remove(&done.identity.name);
+        }
     }
     merged.growing = growing.into_values().collect();
     merged
@@ -241,4 +266,28 @@ fn copy_rows(from: &std::path::Path, to: &mut Part) -> Result<(), TableError> {
         to.write_batch(&batch)?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LARGE: u64 = MAX_MERGED_STEPS / 7;
+
+    #[test]
+    fn large_groups_do_not_hold_up_the_small_ones_behind_them() {
+        let large = (0..8).map(|number| (number, LARGE));
+        let small = (8..138).map(|number| (number, 100));
+        let row = fitting(large.clone().chain(small), 16).unwrap();
+        assert_eq!(row, (7..138).collect::<Vec<u32>>());
+        assert_eq!(fitting(large.clone(), 8), None);
+        assert_eq!(fitting(large, 7).unwrap(), (0..7).collect::<Vec<u32>>());
+    }
+
+    #[test]
+    fn what_is_larger_than_half_of_a_merged_group_is_passed_over() {
+        let groups = [(0, 5), (1, MAX_MERGED_STEPS / 2 + 1), (2, 5)];
+        assert_eq!(fitting(groups.into_iter(), 2), Some(vec![0, 2]));
+        assert_eq!(fitting(groups.into_iter(), 3), None);
+    }
 }

@@ -1,6 +1,6 @@
 //! An output directory, locked, with what an earlier process of the same run has left in it.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{File, TryLockError};
 use std::io::{Read, Seek, Write};
 use std::path::{Path, PathBuf};
@@ -14,9 +14,10 @@ use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use super::commit::{self, Commit, DoneRecording, OpenRecording, Run, Written};
 use super::directory::{self, WHOLE, part_name};
 use super::error::TableError;
+use super::plan::{Plan, read_plan_at};
 use super::schema::Table;
 use super::writer::{Part, TableOptions, TableWriter};
-use crate::model::RecordingIdentity;
+use crate::model::{RecordingIdentity, RecordingStatus};
 use crate::storage::Storage;
 
 /// An output directory that nobody else writes to, as long as this lives.
@@ -81,10 +82,15 @@ impl OutputDirectory {
         }
         storage.create_folder(&commit::commits_folder(directory))?;
         let lock = lock(&storage, directory, options.shard)?;
+        if let Some(plan) = &options.plan {
+            // It was read before: a `coact plan` may have come between.
+            check_plan(directory, plan)?;
+        }
         if !begins_empty() {
             check_run(directory, &run, options.shard)?;
         } else if is_whole {
-            let _shards = lock_shards(&storage, directory)?;
+            let mut shards = BTreeMap::new();
+            lock_shards(&storage, directory, &mut shards)?;
             directory::clear(&storage, directory)?;
         } else {
             check_run(directory, &run, options.shard)?;
@@ -136,14 +142,25 @@ impl OutputDirectory {
                 } else {
                     &mut of_name.beginning
                 };
-                *known_by = Some(open.identity.clone());
+                // A merger stands behind commits that say more. A beginning that is longer tells more.
+                if known_by
+                    .as_ref()
+                    .is_none_or(|known| known.bytes <= open.identity.bytes)
+                {
+                    *known_by = Some(open.identity.clone());
+                }
                 of_name.written.join(&open.written);
             };
             commit.open.iter().for_each(|open| add(open, true));
             commit.growing.iter().for_each(|open| add(open, false));
         }
+        // One that failed later is read again, and its episodes are there.
         let done = self.done();
-        begun.retain(|name, _| !done.contains_key(&**name));
+        let stands = |name: &str| {
+            let done = done.get(name);
+            done.is_some_and(|done| done.status != RecordingStatus::Failed)
+        };
+        begun.retain(|name, _| !stands(name));
         begun
     }
 
@@ -162,8 +179,14 @@ impl OutputDirectory {
     /// # Errors
     /// If the file system refuses.
     pub fn forget(&mut self, names: &[&str]) -> Result<(), TableError> {
+        if names.is_empty() {
+            return Ok(());
+        }
+        // First: who sees the mark must find all rows.
+        directory::unmark_done(&self.storage, &self.directory)?;
+        let names: BTreeSet<&str> = names.iter().copied().collect();
         for (number, commit) in &mut self.commits {
-            let is_forgotten = |r: &DoneRecording| names.contains(&&*r.identity.name);
+            let is_forgotten = |r: &DoneRecording| names.contains(&*r.identity.name);
             if !commit.recordings.iter().any(is_forgotten) {
                 continue;
             }
@@ -172,7 +195,7 @@ impl OutputDirectory {
                 continue;
             };
             let name = part_name(self.options.shard, part);
-            without_rows(&self.storage, &self.directory, &name, names, &self.options)?;
+            without_rows(&self.storage, &self.directory, &name, &names, &self.options)?;
             commit.recordings.retain(|r| !is_forgotten(r));
             let id = (self.options.shard, *number);
             commit::write_commit(&self.storage, &self.directory, id, commit)?;
@@ -230,11 +253,23 @@ pub(super) fn check_run(directory: &Path, asked: &Run, shard: u32) -> Result<(),
     match commit::read_run(directory) {
         Ok(Some(run)) if run == *asked => Ok(()),
         Ok(Some(run)) => Err(another(run.difference(asked))),
-        Ok(None) if directory::holds_parts(directory)? => Err(another(
+        Ok(None) if directory::holds_rows(directory)? => Err(another(
             "there is nothing that says with which parameters".to_owned(),
         )),
         Ok(None) => Ok(()),
         Err(e) => Err(another(format!("{e}: {}", e.cause()))),
+    }
+}
+
+/// Is the plan in the directory the one that a process goes by?
+fn check_plan(directory: &Path, plan: &Plan) -> Result<(), TableError> {
+    if read_plan_at(directory)? == *plan {
+        Ok(())
+    } else {
+        Err(TableError::AnotherRun {
+            directory: directory.to_owned(),
+            difference: "it was planned anew while this shard began".to_owned(),
+        })
     }
 }
 
@@ -252,27 +287,49 @@ fn is_without_steps(directory: &Path) -> bool {
 const LOCK_TRIES: u32 = 5;
 const LOCK_PAUSE: Duration = Duration::from_millis(20);
 
-/// Locks all shards that there are, so that nobody writes.
-pub(super) fn lock_shards(storage: &Storage, directory: &Path) -> Result<Vec<File>, TableError> {
-    commit::locked_shards(directory)?
-        .into_iter()
-        .filter(|&shard| shard != WHOLE)
-        .map(|shard| lock(storage, directory, shard))
-        .collect()
+/// Locks all shards that there are, but for those that are held already, so that nobody writes.
+pub(super) fn lock_shards(
+    storage: &Storage,
+    directory: &Path,
+    held: &mut BTreeMap<u32, File>,
+) -> Result<(), TableError> {
+    for shard in commit::locked_shards(directory)? {
+        if shard != WHOLE && !held.contains_key(&shard) {
+            held.insert(shard, lock(storage, directory, shard)?);
+        }
+    }
+    Ok(())
+}
+
+/// Locks a directory for a process that does no more than plan or finish. These go on where there are no locks: a plan
+/// is the same whoever writes it, no shard goes by another one than it has read under its own lock, and what has been
+/// finished holds what its commits said; a part that no commit names is written again by the shard that misses it.
+pub(super) fn lock_for_plan(storage: &Storage, directory: &Path) -> Result<File, TableError> {
+    lock_where(storage, directory, WHOLE, true)
 }
 
 /// A lock that the system releases when its holder ends, however that comes.
 pub(super) fn lock(storage: &Storage, directory: &Path, shard: u32) -> Result<File, TableError> {
+    // Where there are none, as on some network drives, two processes on one shard meet at the first commit.
+    lock_where(storage, directory, shard, shard != WHOLE)
+}
+
+fn lock_where(
+    storage: &Storage,
+    directory: &Path,
+    shard: u32,
+    goes_without: bool,
+) -> Result<File, TableError> {
     let path = commit::lock_path(directory, shard);
     let mut file = storage.open_lock(&path)?;
-    let mut locked = file.try_lock();
+    let mut locked = storage.try_lock(&file);
     // A process that is just being started holds all our files for a moment, locks too.
     for _ in 0..LOCK_TRIES {
         if !matches!(locked, Err(TryLockError::WouldBlock)) {
             break;
         }
         std::thread::sleep(LOCK_PAUSE);
-        locked = file.try_lock();
+        locked = storage.try_lock(&file);
     }
     match locked {
         Ok(()) => {}
@@ -285,8 +342,7 @@ pub(super) fn lock(storage: &Storage, directory: &Path, shard: u32) -> Result<Fi
                 holder: holder.trim().to_owned(),
             });
         }
-        // No locks here, as on some network drives: two processes on one shard then meet at the first commit.
-        Err(TryLockError::Error(_)) if shard != WHOLE => {}
+        Err(TryLockError::Error(_)) if goes_without => {}
         Err(TryLockError::Error(e)) => return Err(TableError::io("lock", &path)(e)),
     }
     // Only for the message that another process gives; the lock is what counts.
@@ -302,7 +358,7 @@ fn without_rows(
     storage: &Storage,
     directory: &Path,
     name: &str,
-    names: &[&str],
+    names: &BTreeSet<&str>,
     options: &TableOptions,
 ) -> Result<(), TableError> {
     let path = directory.join(Table::Recordings.name()).join(name);
@@ -318,7 +374,7 @@ fn without_rows(
             let recordings = batch.column(0).as_string::<i32>();
             let keep: BooleanArray = recordings
                 .iter()
-                .map(|name| Some(name.is_none_or(|name| !names.contains(&name))))
+                .map(|name| Some(name.is_none_or(|name| !names.contains(name))))
                 .collect();
             filter_record_batch(&batch, &keep)
         });

@@ -1,5 +1,6 @@
 //! The plan of a run in shards, as a file beside its commits: which recordings, in which shard, read with what options.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::io::ErrorKind;
 use std::path::Path;
@@ -8,9 +9,9 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::commit::{self, Run};
-use super::directory::{self, WHOLE, temporary_name};
+use super::directory::{self, WHOLE, own_temporary_name};
 use super::error::TableError;
-use super::output::{check_run, lock, lock_shards, write_run};
+use super::output::{check_run, lock_for_plan, lock_shards, write_run};
 use super::writer::TableOptions;
 use crate::storage::Storage;
 
@@ -160,7 +161,7 @@ fn write_plan_at(
         }
     }
     storage.create_folder(&commit::commits_folder(directory))?;
-    let temporary = path.with_file_name(temporary_name("plan.json"));
+    let temporary = path.with_file_name(own_temporary_name("plan.json"));
     if storage.is_store() && !overwrite {
         // A shard of another plan may be about to commit, which no lock would tell.
         write_run(storage, directory, &run, WHOLE + 1)?;
@@ -176,9 +177,12 @@ fn write_plan_at(
             Err(e) => Err(e.into()),
         };
     }
-    let _whole = lock(storage, directory, WHOLE)?;
-    let _shards = lock_shards(storage, directory)?;
+    let _whole = lock_for_plan(storage, directory)?;
+    let mut shards = BTreeMap::new();
+    lock_shards(storage, directory, &mut shards)?;
     directory::clear(storage, directory)?;
+    // A shard that began meanwhile goes by the plan that was here; one that begins from now on finds none, or this one.
+    lock_shards(storage, directory, &mut shards)?;
     commit::write_run(storage, directory, &run)?;
     storage.write_whole(&path, &temporary, &text)?;
     Ok(true)

@@ -19,6 +19,7 @@ use super::commit::{self, Commit, Mark, OpenRecording, Written};
 use super::directory::{self, WHOLE, part_name};
 use super::error::TableError;
 use super::output::OutputDirectory;
+use super::plan::Plan;
 use super::rows::{Batches, RowsBuilder};
 use super::schema::{TABLE_VERSION, Table};
 use crate::model::JointMode;
@@ -46,6 +47,8 @@ pub struct TableOptions {
     pub steps: bool,
     /// Shard in the names of the parts, from 1; 0 when there is none.
     pub shard: u32,
+    /// The plan that the shard is one of.
+    pub plan: Option<Arc<Plan>>,
     /// Key-value metadata of each file.
     pub metadata: Vec<(String, String)>,
     /// See [`DEFAULT_MAX_PART_ROWS`].
@@ -59,6 +62,7 @@ impl Default for TableOptions {
         Self {
             steps: true,
             shard: 0,
+            plan: None,
             metadata: Vec::new(),
             max_part_rows: DEFAULT_MAX_PART_ROWS,
             faults: None,

@@ -432,3 +432,69 @@ fn signals_stop_a_run_and_leave_nothing_half_done() {
         assert!(stopped, "no signal came in time");
     }
 }
+
+#[test]
+fn a_killed_overwrite_is_no_run_that_goes_on() {
+    let dir = tempfile::tempdir().unwrap();
+    let (inputs, whole) = (dir.path().join("in"), dir.path().join("whole"));
+    recordings(&inputs, 3);
+    run(&config(&inputs, &whole, None)).unwrap();
+    let expected = rows(&whole);
+    let mut n_refused = 0;
+    for call in 0..40 {
+        let output = dir.path().join(format!("out-{call}"));
+        run(&config(&inputs, &output, None)).unwrap();
+        let overwrite = |faults| {
+            run(&Config {
+                overwrite: true,
+                ..config(&inputs, &output, faults)
+            })
+        };
+        // Nothing after it is done either, as when the process is killed.
+        overwrite(Some(Arc::new(Faults::at(call, true)))).unwrap_err();
+        match run(&config(&inputs, &output, None)) {
+            Err(RunError::Arguments(e)) => {
+                assert!(e.contains("--overwrite"), "{e}");
+                n_refused += 1;
+                overwrite(None).unwrap();
+            }
+            result => {
+                result.unwrap();
+            }
+        }
+        assert_eq!(rows(&output), expected, "call {call}");
+        fs::remove_dir_all(&output).unwrap();
+    }
+    assert!(n_refused > 5, "{n_refused}");
+}
+
+#[test]
+fn the_mark_goes_before_the_rows_of_what_had_failed() {
+    let dir = tempfile::tempdir().unwrap();
+    let (inputs, output) = (dir.path().join("in"), dir.path().join("out"));
+    recordings(&inputs, 1);
+    fs::write(inputs.join("bad.mcap"), b"not a recording").unwrap();
+    run(&config(&inputs, &output, None)).unwrap();
+    let whole = rows(&output);
+    for call in 0..20 {
+        let faults = Some(Arc::new(Faults::at(call, true)));
+        let _fails = run(&config(&inputs, &output, faults));
+        let is_marked = output.join("_SUCCESS").exists();
+        assert!(!is_marked || rows(&output) == whole, "call {call}");
+        run(&config(&inputs, &output, None)).unwrap();
+        assert_eq!(rows(&output), whole, "call {call}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_signal_to_a_process_without_the_lock_costs_the_other_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    let output = dir.path().join("out");
+    let folder = output.join("episodes");
+    fs::create_dir_all(&folder).unwrap();
+    let of_another = folder.join(".part-00000-00000.parquet.0123456789abcdef.tmp");
+    fs::write(&of_another, b"").unwrap();
+    pipeline::remove_temporaries(Some(&output), None);
+    assert!(of_another.exists());
+}

@@ -395,3 +395,66 @@ fn recordings_that_fail_are_rows_and_those_that_changed_are_told_of() {
     assert_eq!(code(&finish(&output)), 3);
     assert_eq!(crate::support::rows::rows(&output)["episodes"].len(), 4);
 }
+
+#[test]
+fn a_shard_of_a_plan_that_was_replaced_is_refused_and_what_it_wrote_is_not_taken_for_the_new_one() {
+    let dir = tempfile::tempdir().unwrap();
+    let (inputs, output) = (dir.path().join("in"), dir.path().join("out"));
+    recordings(&inputs, 2, 2);
+    let begin =
+        || pipeline::plan(&config(&inputs, &output, None), serde_json::Map::new(), 1).unwrap();
+    let run = |plan: pipeline::Plan| {
+        let shard = Some(Shard {
+            number: 1,
+            plan: Arc::new(plan),
+        });
+        let config = Config {
+            shard,
+            ..config(&inputs, &output, None)
+        };
+        pipeline::run(&config, &|_| {}, &Interrupt::default())
+    };
+    let old = begin().plan;
+    let plan_file = output.join("_coact/plan.json");
+    let old_text = fs::read(&plan_file).unwrap();
+    let mut b = RecordingBuilder::new();
+    b.episode(0, 200);
+    fs::write(inputs.join("left/r00.mcap"), b.finish()).unwrap();
+    let new = begin().plan;
+    assert!(old != new);
+    let refused = run(old);
+    assert!(
+        matches!(&refused, Err(RunError::Arguments(e)) if e.contains("planned anew")),
+        "{refused:?}"
+    );
+    run(new).unwrap();
+    // As if the shard had read the other plan, and no lock had kept it from it.
+    let new_text = fs::read(&plan_file).unwrap();
+    fs::write(&plan_file, old_text).unwrap();
+    let Finish::Missing(missing) = pipeline::finish(&output).unwrap() else {
+        panic!("rows of another recording were taken");
+    };
+    assert_eq!(missing[0].missing, [Arc::from("left/r00.mcap")]);
+    fs::write(&plan_file, new_text).unwrap();
+    assert!(matches!(
+        pipeline::finish(&output).unwrap(),
+        Finish::Done(_)
+    ));
+}
+
+#[test]
+fn a_plan_needs_no_locks() {
+    let dir = tempfile::tempdir().unwrap();
+    let (inputs, output) = (dir.path().join("in"), dir.path().join("out"));
+    recordings(&inputs, 2, 1);
+    let without = |output: &Path| config(&inputs, output, Some(Arc::new(Faults::no_locks())));
+    pipeline::plan(&without(&output), serde_json::Map::new(), 2).unwrap();
+    assert!(output.join("_coact/plan.json").is_file());
+    // A whole run does: nothing else keeps two of them apart.
+    let whole = pipeline::run(
+        &without(&dir.path().join("whole")),
+        &|_| {},
+        &Interrupt::default(),
+    );
+    assert!(matches!(whole, Err(RunError::Failed(_))), "{whole:?}");
+}

@@ -24,7 +24,7 @@ impl Stamp {
             modified: None,
         };
         files.fold(start, |stamp, about| Self {
-            bytes: stamp.bytes + about.len(),
+            bytes: stamp.bytes.saturating_add(about.len()),
             modified: stamp.modified.max(about.modified().ok()),
         })
     }

@@ -1,6 +1,6 @@
 //! One recording that is watched: how far it is, and what it gives when it is looked at.
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -13,7 +13,9 @@ use crate::pipeline::identity;
 use crate::pipeline::inputs::Input;
 use crate::pipeline::resume::SETTLE;
 use crate::pipeline::source::Event;
-use crate::recording::{Growth, OnDamage, ReadOptions, RecordingReader, Start, is_whole_zst};
+use crate::recording::{
+    Growth, OnDamage, ReadOptions, RecordingError, RecordingReader, Start, is_whole_zst,
+};
 use crate::tables::{BegunRecording, DoneRecording, Written};
 
 /// Bytes of values that one recording gives at a look, at least; more only by its last episode.
@@ -21,6 +23,9 @@ const TURN_BUDGET: u64 = 4 << 20;
 
 /// A file that is compressed as a whole is tried when it has not grown for so long.
 const REST: Duration = Duration::from_secs(1);
+
+/// A file that could not be read is tried again after so long.
+const PAUSE: Duration = Duration::from_secs(1);
 
 const CHANGED: &str = "is not the recording that it was, and is not read any further";
 const SHORTER: &str = "is shorter than it was, and is not read any further";
@@ -56,6 +61,10 @@ pub(super) struct Watched {
     beginning: Arc<RecordingIdentity>,
     /// Its episodes that are in the tables, or on their way there.
     written: Written,
+    /// What it was when it was opened or closed: its row tells of that, whatever is at its place when it is read.
+    opened: Option<RecordingIdentity>,
+    /// Why it could not be read, and since when, where it is tried again.
+    trouble: Option<(String, Instant)>,
     /// What is to be said first.
     greeting: Option<&'static str>,
 }
@@ -88,6 +97,8 @@ impl Watched {
     ) -> Self {
         let begun = begun.cloned().unwrap_or_default();
         let (state, greeting) = match (done, begun.whole) {
+            // What a run has begun to read from end to end must be what it was then.
+            (_, Some(whole)) if identity::of(&input) != whole => (State::Left, Some(CHANGED)),
             (Some(done), _) => {
                 let identity = done.identity.clone();
                 let has_failed = done.status == RecordingStatus::Failed;
@@ -97,8 +108,6 @@ impl Watched {
                 };
                 (state, None)
             }
-            // What a run has begun to read from end to end must be what it was then.
-            (None, Some(whole)) if identity::of(&input) != whole => (State::Left, Some(CHANGED)),
             (None, _) if files::are_of_unfinished_bag(&input) => (State::Left, Some(OF_A_BAG)),
             (None, _) => (State::New, None),
         };
@@ -110,6 +119,8 @@ impl Watched {
             tried: None,
             beginning: Arc::new(begun.beginning.unwrap_or_else(|| nothing(&input))),
             written: begun.written,
+            opened: None,
+            trouble: None,
             greeting,
             input,
         }
@@ -126,6 +137,9 @@ impl Watched {
 
     /// Is there something to look at?
     pub(super) fn is_due(&mut self) -> bool {
+        if let Some((_, since)) = &self.trouble {
+            return since.elapsed() >= PAUSE;
+        }
         let is_reading = match &self.state {
             State::Left => return self.greeting.is_some(),
             State::Reading(_) => true,
@@ -160,11 +174,22 @@ impl Watched {
         if let Some(greeting) = self.greeting.take() {
             turn.told.push(self.remark(greeting));
         }
+        let before = self.trouble.take();
         match self.advance(options, &mut turn) {
             // That it is gone is told of when the folder is read.
             Err(e) if e.kind() == io::ErrorKind::NotFound => {}
-            Err(_) if matches!(self.state, State::New) => self.open(options, &mut turn),
-            Err(e) => turn.told.push(self.remark(&format!("cannot be read: {e}"))),
+            Err(_) if matches!(self.state, State::New) && self.written.n_episodes() == 0 => {
+                self.open(options, &mut turn);
+            }
+            Err(e) => {
+                let trouble = format!("cannot be read: {e}");
+                if before.is_none_or(|(told, _)| told != trouble) {
+                    turn.told.push(self.remark(&trouble));
+                }
+                self.trouble = Some((trouble, Instant::now()));
+                // It may be read again without a change of its size or time.
+                self.seen = None;
+            }
             Ok(()) => {}
         }
         turn
@@ -174,8 +199,12 @@ impl Watched {
         match self.state {
             State::Left => return Ok(()),
             State::Reading(_) => {
-                self.read_on(turn);
-                return Ok(());
+                if self.is_replaced()? {
+                    turn.told.push(self.remark(CHANGED));
+                    self.state = State::Left;
+                    return Ok(());
+                }
+                return self.read_on(turn);
             }
             _ => {}
         }
@@ -202,9 +231,11 @@ impl Watched {
             turn.forget = Some(Arc::clone(&self.input.name));
             self.state = State::New;
             self.growth.fill(Growth::default());
-            self.beginning = Arc::new(nothing(&self.input));
+            if self.written.n_episodes() == 0 {
+                self.beginning = Arc::new(nothing(&self.input));
+            }
         }
-        if let Some(problem) = self.what_is_wrong(stamp)? {
+        if let Some(problem) = self.what_is_wrong()? {
             turn.told.push(self.remark(problem));
             self.state = State::Left;
             return Ok(());
@@ -215,15 +246,30 @@ impl Watched {
             let file = File::open(&self.input.files[0])?;
             reader.go_on(file, &self.growth[0])?;
         }
-        self.read_on(turn);
-        Ok(())
+        self.read_on(turn)
+    }
+
+    /// While it is read: is another recording at its place? Not where only its time has changed.
+    fn is_replaced(&mut self) -> io::Result<bool> {
+        let stamp = Stamp::of(&self.input);
+        if self.seen == Some(stamp) {
+            return Ok(false);
+        }
+        for file in &self.input.files {
+            fs::metadata(file)?;
+        }
+        self.seen = Some(stamp);
+        Ok(self.opened.as_ref() != Some(&identity::of(&self.input)))
     }
 
     /// Is it another recording than it was?
-    fn what_is_wrong(&self, stamp: Stamp) -> io::Result<Option<&'static str>> {
+    fn what_is_wrong(&self) -> io::Result<Option<&'static str>> {
         let known = &self.beginning;
-        if self.growth.len() == 1 && stamp.bytes < self.growth[0].end().max(known.bytes) {
-            return Ok(Some(SHORTER));
+        if let ([file], [growth]) = (&*self.input.files, &*self.growth) {
+            let is_shorter = |there: u64| there < growth.end().max(known.bytes);
+            if is_shorter(fs::metadata(file)?.len()) {
+                return Ok(Some(SHORTER));
+            }
         }
         if known.bytes == 0 {
             return Ok(None);
@@ -282,7 +328,12 @@ impl Watched {
                     self.take_beginning(&File::open(&self.input.files[0])?)?;
                 }
             }
-            State::Growing(_) => self.take_beginning(&File::open(&self.input.files[0])?)?,
+            State::Growing(_) => {
+                self.take_beginning(&File::open(&self.input.files[0])?)?;
+                if is_complete && self.opened.is_none() {
+                    self.opened = Some(identity::of(&self.input));
+                }
+            }
             _ => {}
         }
         Ok(())
@@ -307,6 +358,8 @@ impl Watched {
 
     /// Opens it as a recording that is complete.
     fn open(&mut self, options: &ReadOptions, turn: &mut Turn) {
+        // Taken before: should it be replaced while it is opened, that shows at the next look.
+        self.opened = Some(identity::of(&self.input));
         let name = || Arc::clone(&self.input.name);
         let opened = match &self.input.problem {
             Some(problem) => Err(problem.clone()),
@@ -323,9 +376,12 @@ impl Watched {
     }
 
     /// Reads on by a turn's budget.
-    fn read_on(&mut self, turn: &mut Turn) {
+    ///
+    /// # Errors
+    /// If the system refuses to read what is in the tables in part: it is read again, from its beginning.
+    fn read_on(&mut self, turn: &mut Turn) -> io::Result<()> {
         let (State::Growing(reader) | State::Reading(reader)) = &mut self.state else {
-            return;
+            return Ok(());
         };
         // The last net: a bug in reading one recording must not cost the others.
         let result = catch_unwind(AssertUnwindSafe(|| reader.read_numbered(TURN_BUDGET)));
@@ -333,6 +389,12 @@ impl Watched {
             Ok(Ok(episodes)) => {
                 self.give(episodes, turn);
                 None
+            }
+            Ok(Err(RecordingError::Io(e)))
+                if self.written.n_episodes() > 0 && e.raw_os_error().is_some() =>
+            {
+                self.state = State::New;
+                return Err(e);
             }
             Ok(Err(e)) => Some(e.to_string()),
             Err(_panic) => Some("internal error: the reader panicked".to_owned()),
@@ -346,9 +408,13 @@ impl Watched {
                 self.seen = None;
                 State::UntilComplete
             }
-            (State::Reading(reader), Some(e)) => return self.end(reader.into_row(Some(&e)), turn),
+            (State::Reading(reader), Some(e)) => {
+                self.end(reader.into_row(Some(&e)), turn);
+                return Ok(());
+            }
             (State::Growing(reader) | State::Reading(reader), None) if reader.is_done() => {
-                return self.end(reader.into_row(None), turn);
+                self.end(reader.into_row(None), turn);
+                return Ok(());
             }
             (state, _) => {
                 turn.has_more = match &state {
@@ -359,6 +425,7 @@ impl Watched {
                 state
             }
         };
+        Ok(())
     }
 
     /// Passes on the episodes that are not in the tables.
@@ -378,7 +445,8 @@ impl Watched {
 
     /// It is at its end.
     fn end(&mut self, row: RecordingRow, turn: &mut Turn) {
-        let identity = identity::of(&self.input);
+        let opened = self.opened.take();
+        let identity = opened.unwrap_or_else(|| identity::of(&self.input));
         self.state = State::Done {
             identity: identity.clone(),
             has_failed: row.status == RecordingStatus::Failed,
