@@ -338,6 +338,36 @@ def test_a_recording_that_is_gone_or_another_is_told_of_and_the_others_go_on(
         assert "1 recording complete, 2 not" in summary
 
 
+def test_a_run_with_half_a_recording_is_not_marked_as_done(watching: Callable[..., Any], runs: Path) -> None:
+    half, whole = Growing(runs / "half.mcap"), Growing(runs / "whole.mcap")
+    with watching() as watcher:
+        half.grow(half.ends[1])
+        whole.grow()
+        watcher.wait_for(lambda: watcher.n("episodes") == 2 + 6, "the episodes")
+        half.path.unlink()
+        watcher.wait_until_told("half.mcap is gone before it was complete; its 2 episodes stay")
+        watcher.stop()
+        assert watcher.n("recordings") == 1
+        assert not (watcher.out / "_SUCCESS").exists()
+
+
+def test_another_recording_put_in_the_place_of_one_being_read_is_not_taken_for_it(
+    watching: Callable[..., Any], runs: Path
+) -> None:
+    growing = Growing(runs / "x.mcap")
+    with watching() as watcher:
+        growing.grow(growing.ends[1])
+        watcher.wait_for_episodes(2)
+        Growing(runs / "new.part", n_episodes=9).grow()
+        watcher.kill()
+        (runs / "new.part").rename(growing.path)
+        watcher.start()
+        watcher.wait_until_told("x.mcap is not the recording that it was")
+        watcher.stop()
+        assert watcher.n("episodes") == 2
+        assert not (watcher.out / "_SUCCESS").exists()
+
+
 def test_what_is_no_recording_is_told_once_and_read_again_once_it_is_one(
     watching: Callable[..., Any], runs: Path, run: Run
 ) -> None:
