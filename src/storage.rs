@@ -182,8 +182,7 @@ impl Storage {
         self.check()
             .and_then(|()| fs::rename(temporary, path))
             .map_err(StorageError::io("rename to", path))?;
-        path.parent()
-            .map_or(Ok(()), |above| self.sync_folder(above))
+        self.sync_name(path)
     }
 
     /// The same where several machines may write: a name that is taken is an error of kind `AlreadyExists`, and what
@@ -202,8 +201,7 @@ impl Storage {
         self.check()
             .and_then(|()| rename_new(temporary, path))
             .map_err(StorageError::io("create", path))?;
-        path.parent()
-            .map_or(Ok(()), |above| self.sync_folder(above))
+        self.sync_name(path)
     }
 
     fn sync(&self, file: NewFile, path: &Path) -> Result<(), StorageError> {
@@ -267,6 +265,12 @@ impl Storage {
             }
             _ => Ok(()),
         }
+    }
+
+    /// Makes the name of a file durable.
+    fn sync_name(&self, path: &Path) -> Result<(), StorageError> {
+        path.parent()
+            .map_or(Ok(()), |above| self.sync_folder(above))
     }
 
     /// Makes the names in a folder durable.

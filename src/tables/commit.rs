@@ -365,12 +365,10 @@ pub(super) fn remove_commit(
 pub(super) fn write_commit(
     storage: &Storage,
     directory: &Path,
-    (shard, number): (u32, u32),
+    id: (u32, u32),
     commit: &Commit,
 ) -> Result<(), TableError> {
-    let name = commit_name(shard, number);
-    let path = commits_folder(directory).join(&name);
-    let temporary = path.with_file_name(own_temporary_name(&name));
+    let (path, temporary) = places(directory, id);
     Ok(storage.write_whole(&path, &temporary, &to_json(&path, commit)?)?)
 }
 
@@ -378,13 +376,19 @@ pub(super) fn write_commit(
 pub(super) fn write_new_commit(
     storage: &Storage,
     directory: &Path,
-    (shard, number): (u32, u32),
+    id: (u32, u32),
     commit: &Commit,
 ) -> Result<(), TableError> {
+    let (path, temporary) = places(directory, id);
+    Ok(storage.write_whole_new(&path, &temporary, &to_json(&path, commit)?)?)
+}
+
+/// Where a commit file is, and where it is until it is whole.
+fn places(directory: &Path, (shard, number): (u32, u32)) -> (PathBuf, PathBuf) {
     let name = commit_name(shard, number);
     let path = commits_folder(directory).join(&name);
     let temporary = path.with_file_name(own_temporary_name(&name));
-    Ok(storage.write_whole_new(&path, &temporary, &to_json(&path, commit)?)?)
+    (path, temporary)
 }
 
 pub(super) fn read<T: for<'de> Deserialize<'de>>(path: &Path) -> Result<Option<T>, TableError> {

@@ -214,8 +214,9 @@ impl TableWriter {
         self.empty.clone()
     }
 
-    /// The same for a shard, and in a store. Whether locks reach from machine to machine is not known: so the number of a commit goes
-    /// to the first process that asks for it, and what another did meanwhile on the same rows counts for nothing.
+    /// The same for a shard, and in a store. Whether locks reach from machine to machine is not known: so the number of a
+    /// commit goes to the first process that asks for it, and what another did meanwhile on the same rows counts for
+    /// nothing.
     fn commit_new(&self, group: Group) -> Result<Commit, TableError> {
         let shard = self.options.shard;
         let overtaken = |e: TableError| {
