@@ -19,6 +19,7 @@ mod compare;
 mod corpus;
 mod diff;
 mod durability;
+mod episode_options;
 mod events;
 mod extraction_golden;
 mod extraction_properties;
@@ -30,6 +31,7 @@ mod read_ahead;
 mod recording;
 mod report;
 mod results;
+mod selectors;
 #[cfg(unix)]
 mod shards;
 mod show;

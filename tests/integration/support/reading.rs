@@ -213,3 +213,15 @@ impl Dice {
         }
     }
 }
+
+/// `by`, `by + 1`, …
+pub(crate) fn rising(n: usize, by: f64) -> Vec<f64> {
+    (0..n).map(|i| i as f64 + by).collect()
+}
+
+/// The columns of the states of the first episode.
+pub(crate) fn columns(reading: &Reading) -> Vec<Vec<f64>> {
+    (0..reading.episodes[0].states.n_columns())
+        .map(|c| reading.states(c))
+        .collect()
+}
